@@ -55,6 +55,17 @@ class PositionOptions:
     ] = None
     candidates: int = 200
 
+    def check(self, kind: Kind, count: int) -> None:
+        """Check the number of obstacles of a kind, and where they may be.
+
+        Raises:
+            InputError: there are none, or tags are to be free-standing.
+        """
+        if count < 1:
+            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+        if kind == "tag" and self.where is False:
+            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+
     def rules_of(self, kind: Kind, scanner: RangeScanner | None = None) -> PlaceRules:
         """Return the placement rules; obstacles reflect if the scanner sees reflectors.
 
@@ -127,11 +138,8 @@ class ObstacleOptions(PositionOptions):
                 + "; give one, such as --posts 3."
             )
         (kind, count), = requested  # fmt: skip
-        if count < 1:
-            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+        self.check(kind, count)
         at_least(0, ("--seed", self.seed), ("--aged", self.aged))
-        if kind == "tag" and self.where is False:
-            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
         return kind, count
 
     def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:

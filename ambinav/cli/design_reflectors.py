@@ -53,10 +53,8 @@ class NewOptions(PositionOptions):
             raise InputError("--posts, --tags: both are given; give one, such as --tags 8.")
         kind: Kind = "tag" if self.tags is not None else "post"
         count = self.posts if self.tags is None else self.tags
-        if count is not None and count < 1:
-            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
-        if kind == "tag" and self.where is False:
-            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+        if count is not None:
+            self.check(kind, count)
         return kind, count or 0
 
     def positions(self, scanner: RangeScanner | None = None) -> PlaceRules:

@@ -90,6 +90,21 @@ class Candidate:
         return x, y
 
     @property
+    def x(self) -> float:
+        """Coordinate x of the centre, metres, map frame."""
+        return self.middle[0]
+
+    @property
+    def y(self) -> float:
+        """Coordinate y of the centre, metres, map frame."""
+        return self.middle[1]
+
+    @property
+    def direction_deg(self) -> float | None:
+        """Direction of a panel or a tag, whole tenths of degrees in [0, 180); None for a post."""
+        return None if self.kind == "post" else round(math.degrees(self.angle), 1) % 180.0
+
+    @property
     def angle(self) -> float:
         """Direction of a panel or a tag, radians in [0, pi); 0 for a post."""
         (x0, y0), (x1, y1) = self.drawn.points[0], self.drawn.points[-1]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import Field
 
-from ambinav.buildings.obstacle_file import collection
-from ambinav.reports.fields import Metres, Part, rounded
+from ambinav.reports.fields import Part, rounded
 from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
 from ambinav.studies.design.place.greedy import NOTHING
+from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
 from ambinav.version import __version__
@@ -34,15 +33,9 @@ class BadPart(Part):
     )
 
 
-class ObstaclePart(Part):
+class ObstaclePart(PlacedPart):
     """A placed obstacle, in the order of placement."""
 
-    number: int
-    kind: str = Field(description="post, panel or tag")
-    x_m: Metres
-    y_m: Metres
-    direction_deg: float | None = Field(description="of a panel or a tag; null for a post")
-    on_wall: bool
     reflective: bool
     alone: Rounded = Field(description="bad floor that it takes away if it is the only one")
     gain: Rounded = Field(description="bad floor that it takes away after those before it")
@@ -183,15 +176,9 @@ def document(study: Remedy, asked: int) -> Document:
 def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
     """Return the placed obstacles in order."""
     return tuple(
-        ObstaclePart(
+        ObstaclePart.of(
+            placed.candidate,
             number=number,
-            kind=placed.candidate.kind,
-            x_m=placed.candidate.middle[0],
-            y_m=placed.candidate.middle[1],
-            direction_deg=None
-            if placed.candidate.kind == "post"
-            else round(math.degrees(placed.candidate.angle), 1) % 180.0,
-            on_wall=placed.candidate.on_wall,
             reflective=placed.candidate.obstacle.reflective,
             alone=placed.alone.bad,
             gain=placed.gain.bad,
@@ -203,15 +190,9 @@ def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
 
 def obstacles_geojson(study: Remedy) -> dict[str, Any]:
     """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
-    made = collection(candidate.drawn for candidate in study.chosen)
-    for number, (feature, placed) in enumerate(
-        zip(made["features"], study.placement.placed, strict=True), start=1
-    ):
-        # In these files a reflector has the kind "reflector"; its true kind is stored as "as".
-        feature["properties"] |= {
-            "number": number, "as": placed.candidate.kind, "gain": round(placed.gain.bad, 4) + 0.0
-        }  # fmt: skip
-    return made
+    placed = enumerate(study.placement.placed, start=1)
+    gains = [{"number": k, "gain": round(one.gain.bad, 4) + 0.0} for k, one in placed]
+    return placed_geojson(study.chosen, gains)
 
 
 def amount(value: float, unit: str) -> str:

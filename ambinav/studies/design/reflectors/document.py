@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from ambinav.buildings.obstacle_file import collection
-from ambinav.reports.fields import Metres, Part, rounded
+from ambinav.reports.fields import Part, rounded
+from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
 from ambinav.studies.design.reflectors.study import Coverage, ReflectorLayout
 from ambinav.version import __version__
 
@@ -30,15 +30,9 @@ class CoveragePart(Part):
     )
 
 
-class ReflectorPart(Part):
+class ReflectorPart(PlacedPart):
     """A new reflector, in the order of installation."""
 
-    number: int
-    kind: str = Field(description="post, panel or tag")
-    x_m: Metres
-    y_m: Metres
-    direction_deg: float | None = Field(description="of a panel or a tag; null for a post")
-    on_wall: bool
     after: CoveragePart = Field(description="with it and those before it")
 
 
@@ -94,17 +88,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
         before=_coverage(layout.before),
         after=_coverage(layout.after),
         reflectors=tuple(
-            ReflectorPart(
-                number=number,
-                kind=step.candidate.kind,
-                x_m=step.candidate.middle[0],
-                y_m=step.candidate.middle[1],
-                direction_deg=None
-                if step.candidate.kind == "post"
-                else round(math.degrees(step.candidate.angle), 1) % 180.0,
-                on_wall=step.candidate.on_wall,
-                after=_coverage(step.after),
-            )
+            ReflectorPart.of(step.candidate, number=number, after=_coverage(step.after))
             for number, step in enumerate(layout.steps, start=1)
         ),
         needs=NeedsPart(
@@ -116,7 +100,9 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
         ),
         remarks=tuple(_remarks(layout, asked)),
         parameters=json.loads(layout.amap.dataset.attrs["parameters"]),
-        geojson=_geojson(layout),
+        geojson=placed_geojson(
+            layout.chosen, [{"number": k + 1} for k in range(len(layout.steps))]
+        ),
     )
 
 
@@ -164,10 +150,3 @@ def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
         why = "no floor is left" if not left else "no further place helps"
         remarks.append(f"{len(layout.steps)} of {asked} new reflectors: {why}.")
     return remarks
-
-
-def _geojson(layout: ReflectorLayout) -> dict[str, Any]:
-    made = collection(candidate.drawn for candidate in layout.chosen)
-    for number, feature in enumerate(made["features"], start=1):
-        feature["properties"]["number"] = number
-    return made

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from pydantic import Field
 
-from ambinav.buildings.obstacle_file import collection
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.place.document import Rounded, RulesPart
+from ambinav.studies.design.place.placed_part import placed_geojson
 from ambinav.studies.design.requirement.improved import most_improved
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
@@ -230,7 +230,6 @@ def _floor(solution: Solution, mapped: MappedState) -> FloorPart:
 def _step(solution: Solution, number: int, step: Step) -> StepPart:
     placed, state = step.obstacle, step.after.state
     reflecting = placed is not None and placed.obstacle.reflective and placed.kind != "tag"
-    straight = placed is not None and placed.kind != "post"
     return StepPart(
         number=number,
         change=state.hardware.change if placed is None else placed.kind,
@@ -239,9 +238,7 @@ def _step(solution: Solution, number: int, step: Step) -> StepPart:
         else f"Put up a {'reflecting ' if reflecting else ''}{placed.kind}",
         x_m=None if placed is None else placed.middle[0],
         y_m=None if placed is None else placed.middle[1],
-        direction_deg=round(math.degrees(placed.angle), 1) % 180.0
-        if placed is not None and straight
-        else None,
+        direction_deg=None if placed is None else placed.direction_deg,
         on_wall=None if placed is None else placed.on_wall,
         cost=step.cost,
         cost_so_far=state.cost,
@@ -284,9 +281,9 @@ def _remarks(solution: Solution) -> tuple[str, ...]:
 
 def _geojson(solution: Solution) -> dict[str, Any]:
     """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
-    placed = [(k, step) for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
-    made = collection(step.obstacle.drawn for _, step in placed if step.obstacle is not None)
-    for feature, (number, step) in zip(made["features"], placed, strict=True):
-        assert step.obstacle is not None
-        feature["properties"] |= {"number": number, "as": step.obstacle.kind, "cost": step.cost}
-    return made
+    placed = [
+        (step.obstacle, {"number": number, "cost": step.cost})
+        for number, step in enumerate(solution.steps, start=1)
+        if step.obstacle is not None
+    ]
+    return placed_geojson([obstacle for obstacle, _ in placed], [about for _, about in placed])
