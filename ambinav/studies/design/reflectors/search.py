@@ -2,13 +2,15 @@
 
 One reflector alone is of no use: a room needs several. So greedy search adds, from several seeds,
 as many as complete the floor that the seed is seen from, and keeps those that complete most floor
-for each reflector. Then each is taken away once and put where it helps most. Look-alikes and
-precision take longer to judge, and seldom decide: where they do, reflectors are exchanged once
-more, by all criteria.
+for each reflector. Then each is taken away once and put where it helps most, and so are pairs that
+the same floor sees. The best of a few first additions is kept. Look-alikes and precision take
+longer to judge, and seldom decide: where they do, reflectors are exchanged once more, by all
+criteria.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -29,14 +31,22 @@ Mask = NDArray[np.bool_]
 
 ROUNDS: Final = 4
 """Rounds of exchanges, at most."""
+STARTS: Final = 8
+"""First additions that are tried."""
 SEEDS: Final = 24
 """Seeds of groups that are tried for each addition."""
-EXCHANGED: Final = 6
+PAIRS: Final = 40
+"""Pairs that are exchanged, at most,"""
+FIRST: Final = 12
+"""and candidates for the first of each pair."""
+EXCHANGED: Final = 24
 """Reflectors that are exchanged by all criteria, at most,"""
-JUDGED: Final = 6
+JUDGED: Final = 8
 """and candidates that are judged instead of each."""
 PARTIAL: Final = 0.25
 """Worth of floor from which all reflectors needed are in view, beside 1 for good floor."""
+IN_THE_END: Final = 0.01
+"""The same once all reflectors are placed."""
 LEAST: Final = 1e-6
 """Least gain, square metres."""
 
@@ -109,17 +119,26 @@ class Search:
 
         Fewer are placed if all floor that counts is good, or no candidate helps.
         """
-        chosen: tuple[int, ...] = ()
-        while len(chosen) < count and (more := self._more(chosen, count - len(chosen))):
-            chosen += more
-            report(0.5 * len(chosen) / count)
-        state = self._tell_apart(self.state(self._exchanged(chosen)), report)
+        starts = self._additions((), count)[:STARTS]
+        none, best = self._count(()), tuple[int, ...]()
+        for number, start in enumerate(starts, start=1):
+            placed = self._exchanged(self._completed_greedily(start, count), PARTIAL)
+            placed = self._exchanged(placed, IN_THE_END)
+            best = max(best, placed, key=lambda each: self._completes(none, each, IN_THE_END))
+            report(0.4 * number / len(starts))
+        state = self._tell_apart(self.state(self._exchanged_pairs(best)), report)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
-            best = self._best(state.chosen, self._first(state.chosen, state.positioning))
-            if best is None or best.worth <= state.worth + LEAST:
+            better = self._best(state.chosen, self._first(state.chosen, state.positioning))
+            if better is None or better.worth <= state.worth + LEAST:
                 break
-            state = best
+            state = better
         return self._order(state.chosen)
+
+    def _completed_greedily(self, chosen: tuple[int, ...], count: int) -> tuple[int, ...]:
+        """Add the best additions to a choice until there are so many, or none gains."""
+        while len(chosen) < count and (more := self._additions(chosen, count - len(chosen))):
+            chosen += more[0]
+        return chosen
 
     def _count(self, chosen: Sequence[int]) -> NDArray[np.int32]:
         """Count the reflectors in view, shape (P, H)."""
@@ -162,20 +181,24 @@ class Search:
         )  # fmt: skip
         return gains
 
-    def _more(self, chosen: tuple[int, ...], most: int) -> tuple[int, ...]:
-        """Return one or several more, those that gain most for each; empty if none gains."""
+    def _additions(self, chosen: tuple[int, ...], most: int) -> list[tuple[int, ...]]:
+        """Return additions of one or several, those first that gain most for each reflector.
+
+        One for each seed, besides the best single one; none if nothing gains.
+        """
         allowed, count = self._allowed(chosen), self._count(chosen)
         gains = self._gains(count, allowed)
         if not len(gains) or not gains.max() > LEAST:
-            return ()
-        best: tuple[int, ...] = (int(allowed[np.argmax(gains)]),)
-        value = self._completes(count, best)
+            return []
+
+        def share(group: tuple[int, ...]) -> float:
+            return self._completes(count, group) / len(group)
+
+        additions: list[tuple[int, ...]] = [(int(allowed[np.argmax(gains)]),)]
+        most = min(most, self.site.rules.needed)
         for seed in self._seeds(allowed, count) if most > 1 else ():
-            for group in self._groups(seed, chosen, count, min(most, self.site.rules.needed)):
-                share = self._completes(count, group) / len(group)
-                if share > value + LEAST:
-                    best, value = group, share
-        return best
+            additions += sorted(self._groups(seed, chosen, count, most), key=share)[-1:]
+        return sorted(additions, key=share, reverse=True)
 
     def _seeds(self, allowed: NDArray[np.int64], count: NDArray[np.int32]) -> list[int]:
         """Return candidates that are seen from much floor that sees too few, each from other."""
@@ -206,22 +229,24 @@ class Search:
             group = *group, int(allowed[np.argmax(gains)])
             yield group
 
-    def _completes(self, count: NDArray[np.int32], group: tuple[int, ...]) -> float:
+    def _completes(
+        self, count: NDArray[np.int32], group: tuple[int, ...], partial: float = PARTIAL
+    ) -> float:
         """Return how many more places see enough with a group, and a little for all it gains."""
         needed = self.site.rules.needed
         after = count + self.views[list(group)].sum(axis=0, dtype=np.int32)
         done = len(self._short(count)) - len(self._short(after))
-        partial = (_completed(after, needed) - _completed(count, needed))[self.counted]
-        return done + PARTIAL * float(partial.mean(axis=1).sum())
+        nearer = (_completed(after, needed) - _completed(count, needed))[self.counted]
+        return done + partial * float(nearer.mean(axis=1).sum())
 
-    def _exchanged(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
+    def _exchanged(self, chosen: tuple[int, ...], partial: float) -> tuple[int, ...]:
         """Return a choice of which none gains by an exchange, by the number in view."""
         for _ in range(ROUNDS):
             before = chosen
             for k in before:
                 others = tuple(i for i in chosen if i != k)
                 allowed = self._allowed(others)
-                gains = self._gains(self._count(others), allowed)
+                gains = self._gains(self._count(others), allowed, partial)
                 best = int(np.argmax(gains))
                 if gains[best] > gains[allowed == k][0] + LEAST:
                     chosen = *others, int(allowed[best])
@@ -229,20 +254,56 @@ class Search:
                 break
         return chosen
 
+    def _exchanged_pairs(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a choice of which no pair that the same floor sees gains by an exchange.
+
+        Among the first pairs: those that most floor sees.
+        """
+        which = list(chosen)
+        views: Singles = np.asarray(self.views[which][:, self.counted].any(axis=2), np.float32)
+        common = {
+            (a, b): float(np.dot(views[k], views[m]))
+            for (k, a), (m, b) in itertools.combinations(enumerate(which), 2)
+        }
+        pairs = sorted(filter(common.get, common), key=lambda pair: -common[pair])[:PAIRS]
+        for pair in pairs:
+            if not set(pair) <= set(chosen):
+                continue
+            others = tuple(i for i in chosen if i not in pair)
+            best = max(self._pairs_beside(others), key=lambda each: each[1], default=None)
+            now = self._completes(self._count(others), pair, IN_THE_END)
+            if best is not None and best[1] > now + LEAST:
+                chosen = self._exchanged((*others, *best[0]), IN_THE_END)
+        return chosen
+
+    def _pairs_beside(self, others: tuple[int, ...]) -> Iterator[tuple[tuple[int, int], float]]:
+        """Yield pairs of candidates, the second the best beside the first, and their gains."""
+        count, allowed = self._count(others), self._allowed(others)
+        gains = self._gains(count, allowed, 1.0)
+        for i in np.argsort(-gains, kind="stable")[:FIRST].tolist():
+            first = int(allowed[i])
+            second = self._allowed((*others, first))
+            if len(second):
+                after = self._gains(count + self.views[first], second, IN_THE_END)
+                pair = first, int(second[np.argmax(after)])
+                yield pair, self._completes(count, pair, IN_THE_END)
+
     def _tell_apart(self, state: State, report: Callable[[float], None]) -> State:
         """Exchange reflectors by all criteria where enough are in view, but that is no use."""
-        for number in range(EXCHANGED):
-            found, chosen = state.positioning, np.array(state.chosen, dtype=np.int64)
+        number = unchanged = 0
+        while number < EXCHANGED and unchanged < len(state.chosen):
+            found, chosen = state.positioning, list(state.chosen)
             vain = self.counted & found.enough & ~found.good
             if not vain.any():
                 break
             # Those that most of this floor sees, one after the other.
-            order = np.argsort(-self.views[chosen][:, vain].sum(axis=(1, 2)), kind="stable")
-            k = int(chosen[order[number % len(order)]])
-            others = tuple(i for i in state.chosen if i != k)
+            seen = self.views[chosen][:, vain].sum(axis=(1, 2))
+            k = chosen[int(np.argsort(-seen, kind="stable")[unchanged])]
+            others = tuple(i for i in chosen if i != k)
             best = self._best(others, self._first(others, found))
+            number, unchanged = number + 1, unchanged + 1
             if best is not None and best.worth > state.worth + LEAST:
-                state = best
+                state, unchanged = best, 0
             report(0.6 + 0.3 * number / EXCHANGED)
         return state
 
