@@ -172,7 +172,7 @@ def test_the_command_writes_a_layout_that_is_read_again(tmp_path, monkeypatch) -
         "report.json", "report.md", "report.html", "reflectors.geojson", "before-after.png"
     }  # fmt: skip
     report = Document.model_validate_json((tmp_path / "out" / "report.json").read_text())
-    assert report.after.good_share > 0.7
+    assert report.after.good_share > 0.65
     assert len(report.reflectors) == 5
     drawn = obstacles_of(json.loads((tmp_path / "out" / "reflectors.geojson").read_text()), "file")
     assert {each.kind for each in drawn} == {"reflector"}

@@ -109,7 +109,7 @@ class Search:
         found = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
         completed = _completed(found.count, found.rules.needed)[self.counted]
         good = found.good[self.counted]
-        worth = float(good.sum() + PARTIAL * completed.mean(axis=1).sum())
+        worth = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
         return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
 
     def place(
@@ -120,13 +120,16 @@ class Search:
         Fewer are placed if all floor that counts is good, or no candidate helps.
         """
         starts = self._additions((), count)[:STARTS]
-        none, best = self._count(()), tuple[int, ...]()
+        none, placed = self._count(()), [tuple[int, ...]()]
         for number, start in enumerate(starts, start=1):
-            placed = self._exchanged(self._completed_greedily(start, count), PARTIAL)
-            placed = self._exchanged(placed, IN_THE_END)
-            best = max(best, placed, key=lambda each: self._completes(none, each, IN_THE_END))
-            report(0.4 * number / len(starts))
-        state = self._tell_apart(self.state(self._exchanged_pairs(best)), report)
+            chosen = self._exchanged(self._completed_greedily(start, count), PARTIAL)
+            placed.append(self._exchanged(chosen, IN_THE_END))
+            report(0.6 * number / len(starts))
+        most = max(placed, key=lambda chosen: self._completes(none, chosen, IN_THE_END))
+        # The best by number in view, and the best by all criteria so far.
+        ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=_worth)]
+        state = max((self._tell_apart(end) for end in ends), key=_worth)
+        report(0.9)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
             better = self._best(state.chosen, self._first(state.chosen, state.positioning))
             if better is None or better.worth <= state.worth + LEAST:
@@ -288,7 +291,7 @@ class Search:
                 pair = first, int(second[np.argmax(after)])
                 yield pair, self._completes(count, pair, IN_THE_END)
 
-    def _tell_apart(self, state: State, report: Callable[[float], None]) -> State:
+    def _tell_apart(self, state: State) -> State:
         """Exchange reflectors by all criteria where enough are in view, but that is no use."""
         number = unchanged = 0
         while number < EXCHANGED and unchanged < len(state.chosen):
@@ -304,7 +307,6 @@ class Search:
             number, unchanged = number + 1, unchanged + 1
             if best is not None and best.worth > state.worth + LEAST:
                 state, unchanged = best, 0
-            report(0.6 + 0.3 * number / EXCHANGED)
         return state
 
     def _first(self, chosen: tuple[int, ...], found: Positioning) -> list[int]:
@@ -321,7 +323,7 @@ class Search:
     def _best(self, chosen: tuple[int, ...], rivals: Sequence[int]) -> State | None:
         """Return the best state with one of the rivals by all criteria; None without any."""
         states = [self.state((*chosen, i)) for i in rivals]
-        return max(states, key=lambda state: state.worth, default=None)
+        return max(states, key=_worth, default=None)
 
     def _order(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Return a choice in the order in which each gains most after those before it."""
@@ -331,6 +333,10 @@ class Search:
             gains = self._gains(self._count(done), np.array(left))
             done = *done, left.pop(int(np.argmax(gains)))
         return done
+
+
+def _worth(state: State) -> float:
+    return state.worth
 
 
 def _completed(count: NDArray[np.integer], needed: int) -> Floats:
