@@ -137,7 +137,8 @@ def plot_before_after(
         for ring in shapely.get_rings(shapely.get_parts(list(shown.shapes))).tolist():
             axes.plot(*ring.xy, **ASKED)
         if k == 0:
-            floor.legend([*entries, *_part_entries(parts)], below=True)
+            lines = floor.reflector_lines()
+            floor.legend([*entries, *_part_entries(parts), *lines], below=True)
         else:
             _draw_obstacles(floor, shown)
             floor.legend(_obstacle_entries(shown), below=True)

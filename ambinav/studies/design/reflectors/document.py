@@ -118,17 +118,18 @@ def _coverage(coverage: Coverage) -> CoveragePart:
 
 def _summary(layout: ReflectorLayout) -> str:
     before, after, count = layout.before, layout.after, len(layout.steps)
-    where = f"{layout.scanner.name} navigates by reflectors on"
-    has = f"{layout.present} reflector{'' if layout.present == 1 else 's'}"
+    where = f"{layout.scanner.name} navigates in {layout.environment.name} on"
+    present = f"{layout.present} reflector{'' if layout.present == 1 else 's'}"
     if not count:
         return (
-            f"With the {has} of {layout.environment.name} {where} {before.good:,.1f} of "
-            f"{before.floor:,.1f} m² ({before.good / before.floor:.0%})."
+            f"By {present} {where} {before.good:,.1f} of {before.floor:,.1f} m² "
+            f"({before.good / before.floor:.0%})."
         )
+    new = f"{count} new reflector{'' if count == 1 else 's'}"
     return (
-        f"With {count} new reflector{'' if count == 1 else 's'} beside the {layout.present} of "
-        f"{layout.environment.name} {where} {after.good:,.1f} of {after.floor:,.1f} m² "
-        f"({after.good / after.floor:.0%}), before on {before.good:,.1f} m²."
+        f"By {new}{f' and {layout.present} present' if layout.present else ''} {where} {after.good:,.1f} of "
+        f"{after.floor:,.1f} m² ({after.good / after.floor:.0%})"
+        f"{f', before on {before.good:,.1f} m²' if layout.present else ''}."
     )
 
 
