@@ -87,6 +87,7 @@ PAGES = (
     Page("docs/howto/plans.md"),
     Page("docs/howto/read-the-report.md"),
     Page("docs/howto/store.md"),
+    Page("docs/howto/reflectors.md"),
     Page("docs/howto/serve.md"),
     Page("docs/howto/share-a-policy.md"),
     Page("docs/howto/sweep.md"),

@@ -126,9 +126,10 @@ def _summary(layout: ReflectorLayout) -> str:
             f"({before.good / before.floor:.0%})."
         )
     new = f"{count} new reflector{'' if count == 1 else 's'}"
+    new += f" and {layout.present} present" if layout.present else ""
     return (
-        f"By {new}{f' and {layout.present} present' if layout.present else ''} {where} {after.good:,.1f} of "
-        f"{after.floor:,.1f} m² ({after.good / after.floor:.0%})"
+        f"By {new} {where} {after.good:,.1f} of {after.floor:,.1f} m² "
+        f"({after.good / after.floor:.0%})"
         f"{f', before on {before.good:,.1f} m²' if layout.present else ''}."
     )
 
