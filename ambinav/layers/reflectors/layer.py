@@ -55,14 +55,14 @@ def reflectors(
 LAYER = Layer(
     name="reflectors",
     title="reflectors in view",
-    unit="",
+    unit="1",
     source="own; look-alikes as Ronzoni, Olmi, Secchi and Fantuzzi 2011 (ICRA) match reflectors",
     worse="low",
     compute=reflectors,
     why_not=why_no_reflectors,
     companions={
         "reflectors_std": ("standard deviation of the position by reflectors", "m"),
-        "reflectors_margin": ("reflectors in view that no wrong pose explains", ""),
+        "reflectors_margin": ("reflectors in view that no wrong pose explains", "1"),
     },
     high_is_good=("reflectors_margin",),
 )
