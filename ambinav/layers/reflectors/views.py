@@ -118,15 +118,11 @@ def seen_reflectors(
     for head in _heads(scanner):
         far = head.far if rules.max_range is None else min(head.far, rules.max_range)
         run_rows(
-            _see, len(poses), poses, *targets_arrays(targets), head.x, head.y, head.sector,
-            head.step, head.near, far, steepest, *environment.grid.arrays, seen, least=64,
+            _see, len(poses), poses, targets.middle, targets.edges, targets.first, head.x, head.y,
+            head.sector, head.step, head.near, far, steepest, *environment.grid.arrays, seen,
+            least=64,
         )  # fmt: skip
     return seen
-
-
-def targets_arrays(targets: Targets) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the arrays of reflectors in the order of the kernels' arguments."""
-    return targets.middle, targets.edges, targets.first
 
 
 @dataclass(frozen=True, eq=False)
