@@ -114,6 +114,20 @@ def test_the_aperture_turns_with_the_robot() -> None:
     assert np.array_equal(seen, np.abs(turns) <= math.pi / 4 + 1e-9)
 
 
+def test_several_beams_in_one_direction_are_no_narrower_step() -> None:
+    building, once = room([(7.0, 3.0), (1.0, 1.0)]), scanner(beams=180)
+    twice = RangeScanner((*once.parts, *once.parts), name="two layers")
+    targets = Targets.of(building)
+    poses = np.column_stack([np.linspace(0.5, 6.5, 60), np.full(60, 2.5), np.zeros(60)])
+    seen = [
+        seen_reflectors(building, each, targets, poses, ReflectorRules()) for each in (once, twice)
+    ]
+    assert np.array_equal(*seen)
+    assert 0 < seen[0].sum() < seen[0].size
+    stds = [position_stds(each, 0.02, targets, poses, seen[0]) for each in (once, twice)]
+    assert np.array_equal(*stds)
+
+
 def test_precision_is_that_of_the_summed_information() -> None:
     rng = np.random.default_rng(3)
     targets = Targets.of_outlines(shapely.points(rng.uniform(0, 10, (6, 2))).tolist())

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.layers.reflectors.targets import Targets
+from ambinav.layers.reflectors.views import beam_directions
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
@@ -44,11 +45,10 @@ def position_stds(
     Returns:
         Shape (N,); inf where fewer than two reflectors are seen.
     """
-    beams = scanner.intensity_beams
-    sensor = scanner.sensors[scanner.sensor_of_beam[beams[0]]]
-    yaw = np.sort(np.mod(scanner.mounts[beams, 2], 2.0 * math.pi))
-    steps = np.diff(np.append(yaw, yaw[0] + 2.0 * math.pi))
-    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 2.0 * math.pi
+    number = scanner.sensor_of_beam[scanner.intensity_beams[0]]
+    sensor = scanner.sensors[number]
+    yaw = beam_directions(scanner.mounts[scanner.sensor_of_beam == number, 2])
+    step = float(np.median(np.diff(np.append(yaw, yaw[0] + 2.0 * math.pi))))
     ranges = np.linspace(0.0, sensor.max_range, RANGES)
     variance = sensor.std_at(ranges) ** 2 + sensor.resolution**2 / 12.0
     stds = np.empty(len(poses))

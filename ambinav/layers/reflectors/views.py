@@ -146,6 +146,15 @@ class _Head:
     far: float
 
 
+def beam_directions(yaw: Floats) -> Floats:
+    """Return the distinct directions of beams, radians in [0, 2 pi), ascending.
+
+    To a billionth of a radian: several beams may look in one direction.
+    """
+    turn = 2.0 * math.pi
+    return np.unique(np.mod(np.round(np.mod(yaw, turn), 9), round(turn, 9)))
+
+
 def _heads(scanner: RangeScanner) -> list[_Head]:
     heads = []
     for number, sensor in enumerate(scanner.sensors):
@@ -154,7 +163,7 @@ def _heads(scanner: RangeScanner) -> list[_Head]:
         mounts = scanner.mounts[scanner.sensor_of_beam == number]
         near = max(sensor.min_range, sensor.intensity.min_range)
         for x, y in np.unique(mounts[:, :2], axis=0).tolist():
-            yaw = np.sort(np.mod(mounts[(mounts[:, :2] == (x, y)).all(axis=1), 2], 2.0 * math.pi))
+            yaw = beam_directions(mounts[(mounts[:, :2] == (x, y)).all(axis=1), 2])
             gaps = np.diff(np.append(yaw, yaw[0] + 2.0 * math.pi))
             step = float(np.median(gaps))
             # A sector is covered if it lies between two neighbouring beams, or at one.
