@@ -68,6 +68,14 @@ def test_targets_are_the_reflectors_of_the_building() -> None:
     assert len(Targets.of(room([]))) == 0
 
 
+def test_a_reflector_around_a_corner_is_seen() -> None:
+    corner = [(7.5, 0.0), (8.0, 0.0), (8.0, 0.6)]
+    building = an.environment_from_shapes([[(0, 0), (8, 0), (8, 6), (0, 6)]], reflectors=[corner])
+    targets = Targets.of(building)
+    poses = np.array([[4.0, 0.5, 0.0], [7.0, 4.0, 0.0], [2.0, 5.0, 0.0]])
+    assert seen_reflectors(building, scanner(), targets, poses, ReflectorRules()).all()
+
+
 @pytest.mark.parametrize("incidence", [20.0, 45.0, 70.0])
 def test_a_tag_is_seen_up_to_the_angle_of_incidence_and_the_range(incidence: float) -> None:
     building = an.environment_from_shapes(

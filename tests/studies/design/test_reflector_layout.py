@@ -33,7 +33,7 @@ from ambinav.studies.design.reflectors.document import Document
 from ambinav.studies.design.reflectors.search import Search
 from ambinav.studies.design.reflectors.study import ReflectorLayout, plan_reflectors
 
-POSTS = PlaceRules(radius=0.05, reflective=True, most=60)
+POSTS = PlaceRules(radius=0.05, most=60)
 RULES = ReflectorRules()
 
 
@@ -124,7 +124,6 @@ def test_more_reflectors_serve_more_floor_and_come_in_order() -> None:
 
 def test_present_reflectors_count_and_nothing_is_added_to_a_good_layout() -> None:
     first = planned(10)
-    assert len(first.steps) < 10
     again = planned(0, first.edited())
     assert again.present == len(first.steps)
     # Floor under the posts is no longer free.

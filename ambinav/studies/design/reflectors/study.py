@@ -160,6 +160,7 @@ def plan_reflectors(
         reach: Floor that the robot reaches.
         rules: What the robot needs; None: the defaults.
         positions: Kind of the new reflectors and rules for their positions; None: none is placed.
+            They reflect in any case.
         count: How many are placed at most.
         keep_out: Polygons that none of them may touch; None: there are none.
         report: Given a text, returns what is called with the share done.
@@ -193,6 +194,8 @@ def plan_reflectors(
     if positions is None or not count or not wanting.any():
         return layout
     check_passage(positions, reach)
+    # What is placed here reflects, whatever else the same rules are used for.
+    positions = replace(positions, reflective=True)
     candidates = _candidates(site, positions, wanting, reach, keep_out)
     coarse, kept = site.coarser(COARSE)
     _check_memory(coarse, len(candidates))
