@@ -75,7 +75,7 @@ class NeedOptions:
         reflector_range (M): Range up to which reflectors are recognised, metres.
             [default: the range of the scanner]
         max_incidence (DEG): Angle of incidence up to which a flat reflector is recognised.
-        tolerance (M): Difference of distances between reflectors that cannot be told, metres.
+        tolerance (M): Distances between reflectors that differ by less are alike, metres.
         max_std (M): Largest standard deviation of the position, metres.
     """
 
@@ -165,15 +165,16 @@ def _show(report: Document, output: Path | None) -> None:
     show(report.summary, *report.remarks)
     rows = (
         (
-            str(one.number),
-            one.kind + ("" if one.direction_deg is None else f" at {one.direction_deg:.0f}°"),
-            f"{one.x_m:.2f}",
-            f"{one.y_m:.2f}",
-            "at a wall" if one.on_wall else "free",
-            f"{one.after.enough_m2:,.1f} m²",
-            f"{one.after.good_m2:,.1f} m²",
+            str(reflector.number),
+            reflector.kind
+            + ("" if reflector.direction_deg is None else f" at {reflector.direction_deg:.0f}°"),
+            f"{reflector.x_m:.2f}",
+            f"{reflector.y_m:.2f}",
+            "at a wall" if reflector.on_wall else "free",
+            f"{reflector.after.enough_m2:,.1f} m²",
+            f"{reflector.after.good_m2:,.1f} m²",
         )
-        for one in report.reflectors
+        for reflector in report.reflectors
     )
     if report.reflectors:
         columns = ("no.", "kind", "x (m)", "y (m)", "stands", "enough in view", "navigates on")

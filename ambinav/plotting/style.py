@@ -47,7 +47,7 @@ FROM_GOAL: Final = "#8FD694"
 
 NAVIGATION: Final = ("#D3F5C9", "#E9B44C", "#9463A8", "#2F4B7C")
 """Floor where a robot navigates by reflectors, and why it cannot elsewhere: the position is not
-precise, there is a look-alike, too few reflectors are in view. Each is darker than the one before.
+precise, another pose is aliased, too few reflectors are in view. Each is darker than the last.
 """
 
 ECHO: Final = "#2C7FB8"

@@ -1,4 +1,4 @@
-"""The layer `reflectors`: views, precision and look-alikes against independent computations."""
+"""The layer `reflectors`: views, precision and aliasing against independent computations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import ambinav as an
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.layers.context import LayerContext
-from ambinav.layers.reflectors.lookalikes import APART, TURNED
+from ambinav.layers.reflectors.aliased_poses import APART, TURNED
 from ambinav.layers.reflectors.positioning import Positioning, Site
 from ambinav.layers.reflectors.precision import position_stds
 from ambinav.layers.reflectors.targets import Targets

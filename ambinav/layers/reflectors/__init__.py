@@ -1,1 +1,1 @@
-"""Navigation by reflectors: which are seen, how precisely they fix the position, look-alikes."""
+"""Navigation by reflectors: which are seen, how precisely they fix the position, aliased poses."""

@@ -1,8 +1,8 @@
-"""Reflectors that a robot sees, the precision of its position from them, and look-alikes.
+"""Reflectors that a robot sees, the precision of its position by them, and aliasing.
 
 For robots that navigate by reflectors alone. `reflectors` is how many are recognised (`views`);
 `reflectors_std` the standard deviation of the position by their ranges and bearings (`precision`);
-`reflectors_margin` how many of them the best wrong pose does not explain (`lookalikes`), 0 also
+`reflectors_margin` how many of them the best wrong pose does not explain (`aliased_poses`), 0 also
 where fewer than needed are seen.
 """
 
@@ -40,11 +40,13 @@ def reflectors(
     """
     rules = ReflectorRules(needed, max_range, max_incidence, tolerance)
     site, targets = Site.of(context, rules), Targets.of(context.environment)
-    found = site.positioning(targets, site.views(targets))
-    std = np.where(np.isfinite(found.std), found.std, np.nan)
+    positioning = site.positioning(targets, site.views(targets))
+    std = np.where(np.isfinite(positioning.std), positioning.std, np.nan)
     values = {
-        "reflectors": found.count, "reflectors_std": std, "reflectors_margin": found.margin
-    }  # fmt: skip
+        "reflectors": positioning.count,
+        "reflectors_std": std,
+        "reflectors_margin": positioning.margin,
+    }
     shape = context.possible.shape
     return {
         name: context.spread(np.broadcast_to(value.astype(np.float64), shape))
@@ -56,7 +58,7 @@ LAYER = Layer(
     name="reflectors",
     title="reflectors in view",
     unit="1",
-    source="own; look-alikes as Ronzoni, Olmi, Secchi and Fantuzzi 2011 (ICRA) match reflectors",
+    source="own; aliased poses as Ronzoni, Olmi, Secchi and Fantuzzi 2011 (ICRA) match reflectors",
     worse="low",
     compute=reflectors,
     why_not=why_no_reflectors,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.context import LayerContext
-from ambinav.layers.reflectors.lookalikes import find_motions, margins
+from ambinav.layers.reflectors.aliased_poses import find_motions, margins
 from ambinav.layers.reflectors.precision import position_stds
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, sees_all_around

@@ -45,7 +45,7 @@ class ReflectorRules:
         needed: Reflectors that it must see at a time.
         max_range: Range up to which they are recognised, metres; None: the sensor's.
         max_incidence: Angle to a flat reflector's normal up to which it is recognised, degrees.
-        tolerance: Difference of two distances between reflectors that cannot be told, metres.
+        tolerance: Distances between reflectors that differ by less are alike, metres.
         max_std: Largest standard deviation of the position, along its worst direction, metres.
 
     Raises:
@@ -74,7 +74,7 @@ def why_no_reflectors(scanner: RangeScanner) -> str | None:
     if len(scanner.intensity_beams):
         return None
     return (
-        "it measures no intensities, by which reflectors are told from walls; add `intensity:` to "
+        "it measures no intensities, which distinguish reflectors from walls; add `intensity:` to "
         "its file (docs/howto/my-scanner.md)."
     )
 

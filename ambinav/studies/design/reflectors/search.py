@@ -3,7 +3,7 @@
 One reflector alone is of no use: a room needs several. So greedy search adds, from several seeds,
 as many as complete the floor that the seed is seen from, and keeps those that complete most floor
 for each reflector. Then each is taken away once and put where it helps most, and so are pairs that
-the same floor sees. The best of a few first additions is kept. Look-alikes and precision take
+the same floor sees. The best of a few first additions is kept. Aliasing and precision take
 longer to judge, and seldom decide: where they do, reflectors are exchanged once more, by all
 criteria.
 """
@@ -128,7 +128,7 @@ class Search:
         most = max(placed, key=lambda chosen: self._completes(none, chosen, IN_THE_END))
         # The best by number in view, and the best by all criteria so far.
         ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=_worth)]
-        state = max((self._tell_apart(end) for end in ends), key=_worth)
+        state = max((self._exchanged_by_all(end) for end in ends), key=_worth)
         report(0.9)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
             better = self._best(state.chosen, self._first(state.chosen, state.positioning))
@@ -291,7 +291,7 @@ class Search:
                 pair = first, int(second[np.argmax(after)])
                 yield pair, self._completes(count, pair, IN_THE_END)
 
-    def _tell_apart(self, state: State) -> State:
+    def _exchanged_by_all(self, state: State) -> State:
         """Exchange reflectors by all criteria where enough are in view, but that is no use."""
         number = unchanged = 0
         while number < EXCHANGED and unchanged < len(state.chosen):

@@ -41,7 +41,7 @@ class Coverage:
     Attributes:
         floor: All floor that counts.
         enough: Where enough reflectors are in view.
-        unique: Where these have no look-alike.
+        unique: Where no other pose is aliased with these.
         good: Where they fix the position precisely enough, too.
         std: Median standard deviation of the position where enough are in view, metres; nan: no
             such floor.
@@ -126,7 +126,7 @@ class ReflectorLayout:
 
 
 GOOD, IMPRECISE, ALIKE, FEW = range(4)
-STATES = ("navigates", "imprecise", "look-alike elsewhere", "too few in view")
+STATES = ("navigates", "imprecise", "aliased", "too few in view")
 """States of floor, in the order of their numbers."""
 
 
@@ -155,7 +155,7 @@ def plan_reflectors(
 
     Args:
         environment: The building.
-        scanner: The scanner; its intensities tell reflectors from walls.
+        scanner: The scanner; its intensities distinguish reflectors from walls.
         amap: A map of both: its cells are the places.
         reach: Floor that the robot reaches.
         rules: What the robot needs; None: the defaults.
@@ -199,7 +199,7 @@ def plan_reflectors(
     candidates = _candidates(site, positions, wanting, reach, keep_out)
     coarse, kept = site.coarser(COARSE)
     _check_memory(coarse, len(candidates))
-    # Reflectors on walls narrow nothing; nearer than this two could not be told apart.
+    # Reflectors on walls narrow nothing; nearer than this two could not be distinguished.
     separation = 4.0 * rules.tolerance if positions.kind == "tag" else positions.min_passage
     search = Search(coarse, counted[kept], present, candidates, separation)
     order = search.place(count, report(f"{len(candidates)} places"))

@@ -1,4 +1,4 @@
-"""Wrong poses from which the reflectors in view look the same.
+"""Perceptual aliasing of reflectors: wrong poses from which those in view look the same.
 
 Reflectors have no names: a robot that does not know where it is has to recognise them by the
 distances between them (Ronzoni, Olmi, Secchi and Fantuzzi 2011, "AGV global localization using
@@ -9,7 +9,7 @@ same distance; each is fitted to all reflectors that it maps onto others, and ke
 many as the robot needs.
 
 The *margin* of a pose is the number of reflectors in view that the best wrong pose does not
-explain. At 0 the reflectors cannot tell the two poses apart. A reflector that should be seen from
+explain. At 0 the reflectors do not distinguish the two poses. A reflector that should be seen from
 the wrong pose, but is not, does not count as a contradiction: something may hide it.
 """
 
