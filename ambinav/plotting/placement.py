@@ -1,16 +1,17 @@
-"""A floor before and after obstacles are placed, in two panels."""
+"""A floor before and after obstacles are placed: two pictures that lie on one another exactly."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from string import ascii_uppercase
 from typing import Any, Final
 
 import numpy as np
 import shapely
 from matplotlib.artist import Artist
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
@@ -20,24 +21,16 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.floor import (
     Bounds,
     FloorFigure,
     colour_patch,
     unexplored_patch,
-    view,
 )
 from ambinav.plotting.maps import paint_zones
 
-PANEL: Final = 6.8
-"""Inches of the longer side of a panel, at most."""
-FLAT: Final = 2.2
-"""A floor that is so much wider than high has one panel below the other."""
-BESIDE: Final = 0.7
-"""Inches between panels."""
-BELOW: Final = 1.4
-"""Inches below panels, for coordinates and legend."""
+LONGEST: Final = 9.0
+"""Inches of the longer side of a picture, about."""
 MARKER: Final = 6.0
 """Points across the mark of an obstacle, however small it is."""
 BAR: Final = 2.6
@@ -50,26 +43,31 @@ OFF: Final = (16.0, 23.0, 32.0, 44.0)
 """and how far from its obstacle it may stand, the nearest first."""
 DIRECTIONS: Final = 16
 """Number of directions, starting upwards and going to the right."""
+BOX: Final[dict[str, Any]] = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.2}
+TEXT: Final[dict[str, Any]] = {
+    "ha": "center", "va": "center_baseline", "fontsize": 9.5, "fontweight": "bold",
+    "color": "black", "zorder": 10,
+}  # fmt: skip
+"""Style of labels: numbers in circles, names of places in squares."""
 ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
 """Style of the region or routes where bad floor counts."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlacementView:
-    """Elements drawn over both maps.
+    """Elements drawn over the floor.
 
     Attributes:
-        titles: Titles of the panels.
-        reflective: Whether they are reflectors.
+        reflective: Whether the obstacles are reflectors.
         outlines: Outlines of the obstacles, metres, in the order of their numbers.
         kinds: Kind of each.
         shapes: Polygons within which bad floor counts; none: everywhere.
         routes: Poses of routes, each of shape (N, 3).
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all floor.
         numbers: Numbers of the obstacles; None: from 1 on.
+        improved: Where most floor becomes good, x and y of each place, metres.
     """
 
-    titles: tuple[str, str]
     reflective: bool
     outlines: Sequence[BaseGeometry]
     kinds: Sequence[str]
@@ -77,6 +75,7 @@ class PlacementView:
     routes: Sequence[NDArray[np.float64]] = ()
     bounds: Bounds | None = None
     numbers: Sequence[int] | None = None
+    improved: Sequence[tuple[float, float]] = ()
 
     @property
     def middles(self) -> NDArray[np.float64]:
@@ -85,64 +84,57 @@ class PlacementView:
 
 
 def plot_placement(
-    before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor, shown: PlacementView
-) -> Figure:
-    """Draw the zones without and with the obstacles, side by side or one below the other.
+    amap: AmbiguityMap, parts: JudgedFloor, shown: PlacementView, *, placed: bool
+) -> Axes:
+    """Draw the zones without or with the obstacles.
 
     Args:
-        before: The map without them.
-        after: The map with them, on the same lattice.
+        amap: The map of this state.
         parts: Masks of the floor that counts, without the obstacles.
-        shown: Elements drawn over both maps.
+        shown: Elements drawn over the floor.
+        placed: Whether the obstacles are there.
     """
 
-    def paint(floor: FloorFigure, panel: int) -> None:
+    def paint(floor: FloorFigure) -> None:
         # Where an obstacle stands there is no zone.
         paint_zones(floor, "mean", parts)
 
     entries = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
-    return plot_before_after((before, after), paint, entries, parts, shown)
+    return plot_state(amap, paint, entries, parts, shown, placed=placed)
 
 
-def plot_before_after(
-    maps: tuple[AmbiguityMap, AmbiguityMap],
-    paint: Callable[[FloorFigure, int], None],
+def plot_state(
+    amap: AmbiguityMap,
+    paint: Callable[[FloorFigure], None],
     entries: Sequence[Artist],
     parts: JudgedFloor,
     shown: PlacementView,
-) -> Figure:
-    """Draw a floor without and with obstacles, side by side or one below the other.
+    *,
+    placed: bool,
+) -> Axes:
+    """Draw a floor without or with obstacles; both pictures have one size and one legend.
 
     Args:
-        maps: The map without them and with them, on the same lattice.
-        paint: Paints the floor of panel 0 or 1.
+        amap: The map.
+        paint: Paints the floor.
         entries: Legend entries of what it paints.
         parts: Masks of the floor that counts, without the obstacles.
-        shown: Elements drawn over both maps.
+        shown: Elements drawn over the floor.
+        placed: Whether the obstacles are there.
     """
-    bounds = shown.bounds or view(maps[0])
-    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
-    scale = PANEL / max(width, height)
-    w, h = width * scale, height * scale
-    stacked = width > FLAT * height
-    across, down = (w, 2 * (h + BELOW)) if stacked else (2 * w + BESIDE, h + BELOW)
-    figure = new_figure(across, down, laid_out=False)
-    for k, (amap, title) in enumerate(zip(maps, shown.titles, strict=True)):
-        left, low = (0.0, (1 - k) * (h + BELOW)) if stacked else (k * (w + BESIDE), 0.0)
-        axes = figure.add_axes((left / across, (low + BELOW) / down, w / across, h / down))
-        floor = FloorFigure(amap, axes, title, bounds=bounds, longest=math.hypot(w, h))
-        paint(floor, k)
-        for poses in shown.routes:
-            axes.plot(poses[:, 0], poses[:, 1], **ASKED)
-        for ring in shapely.get_rings(shapely.get_parts(list(shown.shapes))).tolist():
-            axes.plot(*ring.xy, **ASKED)
-        if k == 0:
-            lines = floor.reflector_lines()
-            floor.legend([*entries, *_part_entries(parts), *lines], below=True)
-        else:
-            _draw_obstacles(floor, shown)
-            floor.legend(_obstacle_entries(shown), below=True)
-    return figure
+    floor = FloorFigure(amap, None, "", bounds=shown.bounds, longest=LONGEST)
+    paint(floor)
+    for poses in shown.routes:
+        floor.axes.plot(poses[:, 0], poses[:, 1], **ASKED)
+    for ring in shapely.get_rings(shapely.get_parts(list(shown.shapes))).tolist():
+        floor.axes.plot(*ring.xy, **ASKED)
+    for name, (x, y) in zip(ascii_uppercase, shown.improved, strict=False):
+        floor.axes.text(x, y, name, bbox={"boxstyle": "square,pad=0.15", **BOX}, **TEXT)
+    if placed:
+        _draw_obstacles(floor, shown)
+    lines = floor.reflector_lines()
+    floor.legend([*entries, *_part_entries(parts), *lines, *_entries(shown)], below=True)
+    return floor.finish()
 
 
 def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
@@ -162,15 +154,14 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
             axes.plot([x], [y], linestyle="none", zorder=6, **look)
         else:
             axes.plot(*_axis(outline, MARKER / metre).T, zorder=6, **look)
-    lines = np.concatenate([np.empty((0, 2)), *(poses[:, :2] for poses in shown.routes)])
+    kept_off = [np.reshape(shown.improved, (-1, 2)), *(poses[:, :2] for poses in shown.routes)]
+    lines = np.concatenate(kept_off)
     spots = label_spots(at, corners, _on_paper(floor, lines)) - at
     numbers = shown.numbers or range(1, len(spots) + 1)
     for number, (x, y), spot in zip(numbers, shown.middles.tolist(), spots, strict=True):
         axes.annotate(
-            str(number), (x, y), spot, textcoords="offset points", ha="center",
-            va="center_baseline", fontsize=9.5, fontweight="bold", color="black", zorder=10,
-            bbox={"boxstyle": f"circle,pad={0.2 if number < 10 else 0.05}", "facecolor": "white",
-                  "edgecolor": "black", "linewidth": 1.2},
+            str(number), (x, y), spot, textcoords="offset points", **TEXT,
+            bbox={"boxstyle": f"circle,pad={0.2 if number < 10 else 0.05}", **BOX},
             arrowprops={"arrowstyle": "-", "color": "black", "linewidth": 1.0, "shrinkB": 0.0,
                         "zorder": 9},
         )  # fmt: skip
@@ -254,7 +245,7 @@ def _part_entries(parts: JudgedFloor) -> list[Artist]:
     return entries
 
 
-def _obstacle_entries(shown: PlacementView) -> list[Artist]:
+def _entries(shown: PlacementView) -> list[Artist]:
     entries = list[Artist]()
     for kind in dict.fromkeys(shown.kinds):
         look = _obstacle_style(kind, shown.reflective)
@@ -262,6 +253,11 @@ def _obstacle_entries(shown: PlacementView) -> list[Artist]:
             look["linestyle"] = "none"
         label = f"{'reflecting ' if shown.reflective and kind != 'tag' else ''}{kind}"
         entries.append(Line2D([], [], label=f"{label} put up", **look))
+    if shown.improved:
+        names = ", ".join(ascii_uppercase[: len(shown.improved)])
+        look = {"linestyle": "none", "marker": "s", "markersize": 9, "color": "white"}
+        label = f"{names}: most floor becomes good"
+        entries.append(Line2D([], [], markeredgecolor="black", label=label, **look))
     if shown.shapes or shown.routes:
         label = "region that counts" if shown.shapes else "route"
         entries.append(Line2D([], [], label=label, **ASKED))

@@ -56,9 +56,10 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
 ) -> None:
     small = shapely.Point(20.0, 10.0).buffer(0.05), shapely.box(40.0, 10.0, 40.02, 10.2)
     outlines = [small[0]] if kind == "post" else [small[1]]
-    shown = PlacementView(("Before", "After"), reflective, outlines, (kind,) * len(outlines))
-    figure = plot_placement(hall, hall, hall.judged, shown)
-    before, after = figure.axes
+    shown = PlacementView(reflective, outlines, (kind,) * len(outlines), improved=[(30.0, 5.0)])
+    before, after = (
+        plot_placement(hall, hall.judged, shown, placed=placed) for placed in (False, True)
+    )
     legend = after.get_legend()
     assert legend is not None
     (entry,) = (line for line in legend.get_lines() if "put up" in str(line.get_label()))
@@ -73,10 +74,16 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
         assert drawn.get_linewidth() == entry.get_linewidth()
     assert [text.get_text() for text in after.texts].count("1") == 1
     assert "1" not in [text.get_text() for text in before.texts]
-    assert before.get_position().height == pytest.approx(after.get_position().height)
+    # One lies exactly on the other.
+    assert before.get_position().bounds == after.get_position().bounds
+    sizes = [root_figure(axes).get_size_inches() for axes in (before, after)]
+    assert np.array_equal(*sizes)
+    for axes in (before, after):
+        assert [text.get_text() for text in axes.texts].count("A") == 1
 
 
 def test_without_obstacles_the_picture_says_so_by_showing_none(hall: an.AmbiguityMap) -> None:
-    shown = PlacementView(("Before", "After"), False, (), ())
-    figure = plot_placement(hall, hall, hall.judged, shown)
-    assert len(figure.axes) == 2
+    axes = plot_placement(hall, hall.judged, PlacementView(False, (), ()), placed=True)
+    legend = axes.get_legend()
+    assert legend is not None
+    assert not any("put up" in text.get_text() for text in legend.get_texts())

@@ -12,15 +12,11 @@ from scipy import ndimage
 from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
 from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
-from ambinav.studies.audit.regions import Labels, find_regions, passable
 
 Floats = NDArray[np.float64]
 
-GAP = 1.0
-"""Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
-LEAST_AREA = 1.0
-"""Square metres; smaller regions join a neighbour or are left out."""
 _PRONOUNCED = 0.3
 """Difference of major and minor from which a weak direction is reported."""
 

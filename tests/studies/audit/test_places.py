@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from ambinav.geometry.collision.reach import reach_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.regions import _renumber, _spread, find_regions, passable
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.studies.audit.ambiguous_regions import _zero_for_nan, find_ambiguous_regions
-from ambinav.studies.audit.regions import _renumber, _spread, find_regions, passable
 from tests.maps import synthetic
 
 

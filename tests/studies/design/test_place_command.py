@@ -66,7 +66,7 @@ def test_a_report_is_written_and_read_again(folder) -> None:
     assert result.exit_code == 0, result.output
     names = {item.name for item in (folder / "out").iterdir()}
     assert names == {
-        "report.json", "report.md", "report.html", "placement.geojson", "before-after.png"
+        "report.json", "report.md", "report.html", "placement.geojson", "before.png", "after.png"
     }  # fmt: skip
     report = Document.model_validate_json((folder / "out" / "report.json").read_text())
     assert 4.0 < report.before.bad <= 8.0
@@ -83,7 +83,7 @@ def test_a_report_is_written_and_read_again(folder) -> None:
         f"| 1 | post | {report.obstacles[0].x_m:.2f} |"
         in (folder / "out" / "report.md").read_text()
     )
-    with Image.open(folder / "out" / "before-after.png") as picture:
+    with Image.open(folder / "out" / "after.png") as picture:
         colours = picture.convert("RGB").resize((80, 40)).getcolors(3200)
     assert colours is not None
     assert len(colours) > 20

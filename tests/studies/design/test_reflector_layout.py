@@ -168,7 +168,7 @@ def test_the_command_writes_a_layout_that_is_read_again(tmp_path, monkeypatch) -
     assert result.exit_code == 0, result.output
     names = {item.name for item in (tmp_path / "out").iterdir()}
     assert names == {
-        "report.json", "report.md", "report.html", "reflectors.geojson", "before-after.png"
+        "report.json", "report.md", "report.html", "reflectors.geojson", "before.png", "after.png"
     }  # fmt: skip
     report = Document.model_validate_json((tmp_path / "out" / "report.json").read_text())
     assert report.after.good_share > 0.65
@@ -178,7 +178,7 @@ def test_the_command_writes_a_layout_that_is_read_again(tmp_path, monkeypatch) -
     assert all(x > 4.4 for each in drawn for x, _ in each.points)
     edited = load_environment(tmp_path / "hall.geojson").edited(add=[d.obstacle for d in drawn])
     assert len(Targets.of(edited)) == 5
-    with Image.open(tmp_path / "out" / "before-after.png") as picture:
+    with Image.open(tmp_path / "out" / "after.png") as picture:
         assert picture.width > 800
     judged = CliRunner().invoke(app, [*words, "--json"])
     assert judged.exit_code == 0

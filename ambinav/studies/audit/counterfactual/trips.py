@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.regions import passable
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.studies.audit.regions import passable
 
 WEIGHT: Final = 5.0
 """Metres that a metre at level 1 counts for in addition: what `ambinav plan` takes by default."""

@@ -6,9 +6,11 @@ import json
 from typing import Annotated, Any, Final
 
 import numpy as np
+import shapely
 from pydantic import Field
 
 from ambinav.reports.fields import Part, rounded
+from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
 from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
@@ -120,6 +122,9 @@ class Document(Part):
     after: BadPart
     asked: int = Field(description="obstacles that were asked for")
     obstacles: tuple[ObstaclePart, ...]
+    improved: tuple[ImprovedPart, ...] = Field(
+        description="the three places where most floor becomes good, the largest first"
+    )
     rules: RulesPart
     effects_computed: int = Field(description="how often an obstacle's effect was computed")
     exchanged: int = Field(description="obstacles put elsewhere, or moved, once all were chosen")
@@ -151,6 +156,7 @@ def document(study: Remedy, asked: int) -> Document:
         after=BadPart.of(placement.after),
         asked=asked,
         obstacles=obstacles,
+        improved=tuple(map(ImprovedPart.of, _improved(study))),
         rules=RulesPart.of(
             rules,
             radius_m=rules.radius if rules.kind == "post" else None,
@@ -171,6 +177,15 @@ def document(study: Remedy, asked: int) -> Document:
         parameters=json.loads(study.amap.dataset.attrs["parameters"]),
         geojson=obstacles_geojson(study),
     )
+
+
+def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
+    """Return the places of the floor that was asked for that improve most; none on routes."""
+    if not study.chosen or study.unit == "m":
+        return ()
+    shapes = [region.shape for region in study.regions if region.shape is not None]
+    within = shapely.union_all(shapes) if shapes else None
+    return most_improved(study.amap, study.after, study.parts, within)
 
 
 def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:

@@ -7,21 +7,20 @@ from pathlib import Path
 from typing import Final
 
 import shapely
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
-from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.floor import Bounds
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.files import trace_route
+from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.study import Content, Progress, Study
 
 GEOJSON: Final = "placement.geojson"
-PICTURE: Final = "before-after"
-STUDY: Final = Study("placement", "ambinav.studies.design.place", (PICTURE,), (GEOJSON,), FORMAT)
+STUDY: Final = Study("placement", "ambinav.studies.design.place", PICTURES, (GEOJSON,), FORMAT)
 MARGIN: Final = 3.0
 """Metres around a region that is drawn."""
 
@@ -44,16 +43,13 @@ def write_report(
     """
     STUDY.folder.check(folder)
     report = document(study, asked)
-    after = study.amap.update(study.edited(), progress=lambda share: progress(0.8 * share))
-    STUDY.write(
-        folder, content(report), {PICTURE: lambda: draw(study, after)}, image_format, progress
-    )
+    figures = state_figures(lambda placed: draw(study, report, placed))
+    STUDY.write(folder, content(report), figures, image_format, progress)
     return report
 
 
-def draw(study: Remedy, after: AmbiguityMap) -> Figure:
-    """Draw the zones before and after, side by side, with the obstacles numbered."""
-    unit, placement = study.unit, study.placement
+def draw(study: Remedy, report: Document, placed: bool) -> Axes:
+    """Draw the zones without or with the obstacles, which are numbered."""
     shapes = [region.shape for region in study.regions if region.shape is not None]
     routes = [trace_route(region.route) for region in study.regions if region.route is not None]
     lines = [shapely.LineString(poses[:, :2]) for poses in routes]
@@ -62,21 +58,18 @@ def draw(study: Remedy, after: AmbiguityMap) -> Figure:
         xmin, ymin, xmax, ymax = shapely.total_bounds([*shapes, *lines]).tolist()
         view = xmin - MARGIN, ymin - MARGIN, xmax + MARGIN, ymax + MARGIN
     return plot_placement(
-        study.amap,
-        after,
+        study.after if placed else study.amap,
         study.parts,
         PlacementView(
-            titles=(
-                f"Before: {amount(placement.before.bad, unit)} bad",
-                f"After: {amount(placement.after.bad, unit)} bad",
-            ),
             reflective=study.rules.reflective,
             outlines=tuple(candidate.obstacle.outline for candidate in study.chosen),
             kinds=(study.rules.kind,) * len(study.chosen),
             shapes=shapes,
             routes=routes,
             bounds=view,
+            improved=[(place.x_m, place.y_m) for place in report.improved],
         ),
+        placed=placed,
     )
 
 
@@ -85,6 +78,11 @@ def content(report: Document) -> Content:
     values = {
         "parameters": map_parameters(report.parameters),
         "geojson": GEOJSON,
+        "captions": (
+            f"Before: {amount(report.before.bad, report.unit)} bad",
+            f"After: {amount(report.after.bad, report.unit)} bad",
+        ),
+        "improved": improved_text(report.improved),
         "nothing": f"{NOTHING:g} {'m²' if report.unit == 'm2' else 'm'}",
     }
     filters = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -85,6 +86,11 @@ class Remedy:
     def chosen(self) -> tuple[Candidate, ...]:
         """The placed obstacles in order."""
         return tuple(placed.candidate for placed in self.placement.placed)
+
+    @cached_property
+    def after(self) -> AmbiguityMap:
+        """Map of the building with the obstacles."""
+        return self.amap.update(self.edited())
 
     def edited(self, count: int | None = None) -> Environment:
         """Return the building with the first `count` obstacles; None: with all."""

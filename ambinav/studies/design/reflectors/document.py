@@ -9,8 +9,9 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from ambinav.reports.fields import Part, rounded
+from ambinav.studies.design.improved import ImprovedPart, largest_places
 from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
-from ambinav.studies.design.reflectors.study import Coverage, ReflectorLayout
+from ambinav.studies.design.reflectors.study import GOOD, Coverage, ReflectorLayout
 from ambinav.version import __version__
 
 FORMAT: Final = "ambinav-design-reflectors/1"
@@ -64,6 +65,10 @@ class Document(Part):
     before: CoveragePart
     after: CoveragePart = Field(description="of the changed building, computed anew")
     reflectors: tuple[ReflectorPart, ...] = Field(description="the new ones")
+    improved: tuple[ImprovedPart, ...] = Field(
+        description="the three places where the robot can navigate on most new floor, the largest "
+        "first"
+    )
     needs: NeedsPart
     remarks: tuple[str, ...]
     parameters: dict[str, Any] = Field(description="of the map")
@@ -73,6 +78,8 @@ class Document(Part):
 def document(layout: ReflectorLayout, asked: int) -> Document:
     """Collect the figures of the report."""
     rules = layout.rules
+    before, after = layout.maps
+    won = layout.parts.counted & (before != GOOD) & (after == GOOD)
     return Document(
         ambinav_version=__version__,
         environment=layout.environment.name,
@@ -91,6 +98,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
             ReflectorPart.of(step.candidate, number=number, after=_coverage(step.after))
             for number, step in enumerate(layout.steps, start=1)
         ),
+        improved=tuple(map(ImprovedPart.of, largest_places(layout.amap, won, layout.parts))),
         needs=NeedsPart(
             needed=rules.needed,
             max_range_m=rules.max_range,

@@ -6,21 +6,21 @@ import json
 from pathlib import Path
 from typing import Final
 
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ambinav.plotting import style
 from ambinav.plotting.floor import FloorFigure, colour_patch
 from ambinav.plotting.maps import paint_codes
-from ambinav.plotting.placement import PlacementView, plot_before_after
+from ambinav.plotting.placement import PlacementView, plot_state
 from ambinav.reports.parameters import map_parameters
+from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
 from ambinav.studies.design.reflectors.document import FORMAT, Document, document
 from ambinav.studies.design.reflectors.study import STATES, ReflectorLayout
 from ambinav.studies.study import Content, Progress, Study
 
 GEOJSON: Final = "reflectors.geojson"
-PICTURE: Final = "before-after"
 STUDY: Final = Study(
-    "layout of reflectors", "ambinav.studies.design.reflectors", (PICTURE,), (GEOJSON,), FORMAT
+    "layout of reflectors", "ambinav.studies.design.reflectors", PICTURES, (GEOJSON,), FORMAT
 )
 
 
@@ -41,40 +41,45 @@ def write_report(
         image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
     """
     report = document(layout, asked)
-    figures = {PICTURE: lambda: draw(layout)}
+    figures = state_figures(lambda placed: draw(layout, report, placed))
     STUDY.write(folder, content(report), figures, image_format, progress)
     return report
 
 
-def draw(layout: ReflectorLayout) -> Figure:
-    """Draw where the robot navigates before and after, with the new reflectors numbered."""
+def draw(layout: ReflectorLayout, report: Document, placed: bool) -> Axes:
+    """Draw where the robot navigates without or with the new reflectors, which are numbered."""
 
-    def paint(floor: FloorFigure, panel: int) -> None:
-        paint_codes(floor, layout.maps[panel], style.NAVIGATION, layout.parts)
+    def paint(floor: FloorFigure) -> None:
+        paint_codes(floor, layout.maps[placed], style.NAVIGATION, layout.parts)
 
     entries = [colour_patch(*entry) for entry in zip(style.NAVIGATION, STATES, strict=True)]
-    before, after = layout.before, layout.after
     kind = layout.positions.kind if layout.positions is not None else "post"
-    return plot_before_after(
-        (layout.amap, layout.amap),
+    return plot_state(
+        layout.amap,
         paint,
         entries,
         layout.parts,
         PlacementView(
-            titles=(
-                f"Before: navigates on {before.good / before.floor:.0%}",
-                f"After: navigates on {after.good / after.floor:.0%}",
-            ),
             reflective=True,
             outlines=tuple(candidate.obstacle.outline for candidate in layout.chosen),
             kinds=(kind,) * len(layout.chosen),
+            improved=[(place.x_m, place.y_m) for place in report.improved],
         ),
+        placed=placed,
     )
 
 
 def content(report: Document) -> Content:
     """Return what the documents say, and the new reflectors as GeoJSON."""
-    values = {"parameters": map_parameters(report.parameters), "geojson": GEOJSON}
+    values = {
+        "parameters": map_parameters(report.parameters),
+        "geojson": GEOJSON,
+        "captions": (
+            f"Before: navigates on {report.before.good_share:.0%}",
+            f"After: navigates on {report.after.good_share:.0%}",
+        ),
+        "improved": improved_text(report.improved, "New floor on which the robot navigates"),
+    }
     filters = {
         "area": lambda value: f"{value:,.1f} m²",
         "share": lambda share: f"{100.0 * share:.1f} %",

@@ -10,9 +10,9 @@ from pydantic import Field
 
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
+from ambinav.studies.design.improved import ImprovedPart, most_improved
 from ambinav.studies.design.place.document import Rounded, RulesPart
 from ambinav.studies.design.place.placed_part import placed_geojson
-from ambinav.studies.design.requirement.improved import most_improved
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
@@ -49,14 +49,6 @@ class StepPart(Part):
     cost: Rounded
     cost_so_far: Rounded
     after: FloorPart
-
-
-class ImprovedPart(Part):
-    """A place that is bad before the changes and is not afterwards."""
-
-    x_m: Metres
-    y_m: Metres
-    area_m2: SquareMetres
 
 
 class PointPart(Part):
@@ -134,8 +126,7 @@ def document(solution: Solution) -> Document:
         after=_floor(solution, solution.after),
         steps=tuple(_step(solution, number, step) for number, step in enumerate(solution.steps, 1)),
         improved=tuple(
-            ImprovedPart(x_m=place.x, y_m=place.y, area_m2=place.area)
-            for place in most_improved(solution.before.amap, solution.after.amap)
+            map(ImprovedPart.of, most_improved(solution.before.amap, solution.after.amap))
         ),
         curve=_curve(solution),
         options=tuple(

@@ -6,11 +6,13 @@ import json
 from pathlib import Path
 from typing import Final
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ambinav.plotting.cost_curve import CostCurve, CostPoint, plot_cost_curve
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
+from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
 from ambinav.studies.design.requirement.document import (
     FORMAT,
     Document,
@@ -22,12 +24,11 @@ from ambinav.studies.design.requirement.study import Solution
 from ambinav.studies.study import Content, Progress, Study
 
 GEOJSON: Final = "changes.geojson"
-ZONES: Final = "before-after"
 CURVE: Final = "curve"
 BAD: Final = ("bad", "bad area")
 """Figures of requirements that are limits on the curve."""
 STUDY: Final = Study(
-    "solution", "ambinav.studies.design.requirement", (ZONES, CURVE), (GEOJSON,), FORMAT
+    "solution", "ambinav.studies.design.requirement", (*PICTURES, CURVE), (GEOJSON,), FORMAT
 )
 
 
@@ -46,30 +47,27 @@ def write_report(
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
     """
     report = document(solution)
-    figures = {ZONES: lambda: draw_zones(solution), CURVE: lambda: draw_curve(solution, report)}
-    STUDY.write(folder, content(report), figures, image_format, progress)
+    figures = state_figures(lambda placed: draw_zones(solution, report, placed))
+    figures[CURVE] = lambda: draw_curve(solution, report)
+    STUDY.write(folder, content(solution, report), figures, image_format, progress)
     return report
 
 
-def draw_zones(solution: Solution) -> Figure:
-    """Draw the zones before and after, with the obstacles by the numbers of their steps."""
+def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
+    """Draw the zones without or with the changes, the obstacles by the numbers of their steps."""
     obstacles = [step.obstacle for step in solution.steps if step.obstacle is not None]
     numbers = [k for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
-    before, after = solution.before.state, solution.after.state
     return plot_placement(
-        solution.before.amap,
-        solution.after.amap,
+        (solution.after if placed else solution.before).amap,
         solution.before.amap.judged,
         PlacementView(
-            titles=(
-                f"Before: {before.bad:,.1f} m² bad, {before.hardware.scanner.name}",
-                f"After: {after.bad:,.1f} m² bad, {after.hardware.scanner.name}",
-            ),
             reflective=any(one.obstacle.reflective for one in obstacles),
             outlines=tuple(one.obstacle.outline for one in obstacles),
             kinds=tuple(one.kind for one in obstacles),
             numbers=tuple(numbers),
+            improved=[(place.x_m, place.y_m) for place in report.improved],
         ),
+        placed=placed,
     )
 
 
@@ -91,9 +89,18 @@ def draw_curve(solution: Solution, report: Document) -> Figure:
     return plot_cost_curve(curve, f"Bad floor over cost: {report.environment}")
 
 
-def content(report: Document) -> Content:
+def content(solution: Solution, report: Document) -> Content:
     """Return what the documents say, and the obstacles as GeoJSON."""
-    values = {"parameters": map_parameters(report.parameters), "geojson": GEOJSON}
+    before, after = solution.before.state, solution.after.state
+    values = {
+        "parameters": map_parameters(report.parameters),
+        "geojson": GEOJSON,
+        "captions": (
+            f"Before: {before.bad:,.1f} m² bad, {before.hardware.scanner.name}",
+            f"After: {after.bad:,.1f} m² bad, {after.hardware.scanner.name}",
+        ),
+        "improved": improved_text(report.improved),
+    }
     filters = {
         "area": lambda value: f"{value:,.1f} m²",
         "share": lambda share: f"{100.0 * share:.1f} %",

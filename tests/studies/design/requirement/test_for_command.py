@@ -43,7 +43,7 @@ def test_a_report_is_written(folder) -> None:
     result = run("bad < 50 %", "--may", "posts=4", "--candidates", "8", "-o", "out")
     assert result.exit_code == 0, result.output
     assert {item.name for item in (folder / "out").iterdir()} == {
-        "report.json", "report.md", "report.html", "changes.geojson", "before-after.png",
+        "report.json", "report.md", "report.html", "changes.geojson", "before.png", "after.png",
         "curve.png",
     }  # fmt: skip
     report = Document.model_validate_json((folder / "out" / "report.json").read_text())
@@ -61,7 +61,7 @@ def test_a_report_is_written(folder) -> None:
     assert report.summary.partition("is met by")[2] in text
     assert f"| 1 | Put up a post | {report.steps[0].x_m:.2f} |" in text
     page = (folder / "out" / "report.html").read_text()
-    assert page.count("data:image/png") == 2
+    assert page.count("data:image/png") == 3
     assert "{{" not in page
     with Image.open(folder / "out" / "curve.png") as picture:
         assert len(picture.convert("RGB").resize((80, 40)).getcolors(3200) or ()) > 5

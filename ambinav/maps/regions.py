@@ -16,6 +16,10 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.floating[Any]]
 Cells = NDArray[np.intp]
 
+GAP = 1.0
+"""Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
+LEAST_AREA = 1.0
+"""Square metres; smaller regions join a neighbour or are left out."""
 _ALIGNED = math.radians(20.0)
 """Pieces of corridor are one corridor if their weak directions differ by less."""
 

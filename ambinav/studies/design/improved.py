@@ -1,0 +1,138 @@
+"""The places where a change improves most floor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from string import ascii_uppercase
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
+from ambinav.reports.fields import Metres, Part, SquareMetres
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PICTURES: Final = ("before", "after")
+"""Pictures of the floor before and after a change."""
+MOST: Final = 3
+"""Places that are named."""
+_IMPROVED: Final = 1
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ImprovedPlace:
+    """A connected place that is bad before a change and is not afterwards.
+
+    Attributes:
+        x: Its point farthest from its edge, metres, map frame.
+        y: The same.
+        area: Square metres.
+    """
+
+    x: float
+    y: float
+    area: float
+
+
+class ImprovedPart(Part):
+    """A place that is bad before a change and is not afterwards."""
+
+    x_m: Metres
+    y_m: Metres
+    area_m2: SquareMetres
+
+
+def most_improved(
+    before: AmbiguityMap,
+    after: AmbiguityMap,
+    parts: JudgedFloor | None = None,
+    within: BaseGeometry | None = None,
+) -> tuple[ImprovedPlace, ...]:
+    """Return the largest places where bad floor becomes good, the largest first.
+
+    Args:
+        before: Map of the building as it is.
+        after: Map with the change.
+        parts: Masks of the floor that counts; None: those of `before`.
+        within: Polygons that the floor must lie in; None: anywhere.
+    """
+    parts, lattice = parts or before.judged, before.dataset
+    then = after.floor("zone").reindex(
+        x=lattice["x"], y=lattice["y"], method="nearest", tolerance=0.1 * before.spacing,
+        fill_value=NOT_FREE,
+    )  # fmt: skip
+    was_bad = np.isin(before.floor("zone").values, (CORRIDOR, OPEN))
+    # What an obstacle covers is not improved.
+    improved = parts.counted & was_bad & np.isin(then.values, (LOCALIZABLE, TRANSITION))
+    if within is not None:
+        x, y = np.meshgrid(lattice["x"].values, lattice["y"].values)
+        improved &= shapely.contains_xy(within, x, y)
+    return largest_places(before, improved, parts)
+
+
+def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[ImprovedPlace, ...]:
+    """Return the largest connected places of a mask of the floor, the largest first.
+
+    Pieces are one place as the bad places of an audit are (`find_regions`).
+
+    Args:
+        amap: The map.
+        mask: The floor, shape (ny, nx).
+        parts: Masks of the floor that counts.
+    """
+    labels = connected(amap, mask, parts)
+    cells = np.bincount(labels.ravel())[1:]
+    x, y = (amap.dataset[axis].values for axis in ("x", "y"))
+    places = []
+    for label in (1 + np.argsort(-cells, kind="stable")[:MOST]).tolist():
+        # Beyond the lattice there is no floor.
+        depth = distance_transform_edt(np.pad(labels == label, 1))[1:-1, 1:-1]
+        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+        area = float(cells[label - 1]) * amap.cell_area
+        places.append(ImprovedPlace(float(x[column]), float(y[row]), area))
+    return tuple(places)
+
+
+def connected(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> Labels:
+    """Label the connected places of a mask of the floor, shape (ny, nx); 0: none."""
+    spacing = amap.spacing
+    return find_regions(
+        mask.astype(np.uint8),
+        (_IMPROVED,),
+        np.full(mask.shape, np.nan),
+        passable(parts.reachable, amap.dataset["clearance"].values, spacing),
+        gap=round(GAP / spacing),
+        least=max(1, round(LEAST_AREA / spacing**2)),
+    )
+
+
+def improved_text(
+    places: Sequence[ImprovedPart], what: str = "Most floor becomes good here"
+) -> str:
+    """Name the places in a sentence, as pictures name them; empty if there are none."""
+    listed = [
+        f"{name} around ({place.x_m:.1f}, {place.y_m:.1f}), {place.area_m2:,.1f} m²"
+        for name, place in zip(ascii_uppercase, places, strict=False)
+    ]
+    return f"{what}: {'; '.join(listed)}." if listed else ""
+
+
+def state_figures(draw: Callable[[bool], Axes]) -> dict[str, Callable[[], Axes | Figure]]:
+    """Return the pictures of a study's floor, which is drawn without the change and with it."""
+    return {
+        name: partial(draw, placed) for name, placed in zip(PICTURES, (False, True), strict=True)
+    }
