@@ -8,6 +8,7 @@ from ambinav.reports.action import MOST, Action
 from ambinav.studies.audit.audit import metres2, percent
 from ambinav.studies.audit.document import Document
 from ambinav.studies.audit.verdict_part import CounterfactualPart
+from ambinav.studies.design.improved import improved_text
 
 _LARGE_SHARE: Final = 0.1
 """Share of the free floor from which unexplored floor is worth mapping."""
@@ -44,4 +45,5 @@ def _action(part: CounterfactualPart) -> Action:
             f", between {metres2(part.after_low_m2)} and {metres2(part.after_high_m2)}, estimated "
             f"at {part.places} places"
         )
-    return Action(part.title, f"{text}. {part.detail}".rstrip())
+    sentences = (f"{text}.", part.detail, improved_text(part.improved, named=False))
+    return Action(part.title, " ".join(filter(None, sentences)))

@@ -134,7 +134,8 @@ def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     )
     after = Interval(helps.after, helps.after, helps.after, 0)
     title = f"Place {count} post{'s' if count > 1 else ''}"
-    return [Counterfactual("building", title, f"At x, y = {where} m.", before, after)]
+    detail = f"At x, y = {where} m."
+    return [Counterfactual("building", title, detail, before, after, helps.improved)]
 
 
 def _area_text(after: Interval) -> str:

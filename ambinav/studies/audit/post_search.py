@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ambinav.studies.design.improved import ImprovedPlace
 from ambinav.studies.design.place.candidates import PlaceRules
 from ambinav.studies.design.place.study import Remedy
 
@@ -18,6 +19,7 @@ class PostSearch:
         remedy: The placed posts; None: none can be placed, or none was tried.
         reason: The reason, in a sentence; otherwise empty.
         after: Bad floor with all of them, square metres, by a whole map; None: not known.
+        improved: Where most floor becomes good.
     """
 
     requested: int
@@ -25,3 +27,4 @@ class PostSearch:
     remedy: Remedy | None
     reason: str
     after: float | None = None
+    improved: tuple[ImprovedPlace, ...] = ()

@@ -21,6 +21,7 @@ from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
 from ambinav.studies.audit.page import lead, page_map, with_places
 from ambinav.studies.audit.verdict import CHOICE
+from ambinav.studies.design.improved import improved_text
 from ambinav.studies.study import Content, Progress, Study
 
 STUDY: Final = Study("audit", "ambinav.studies.audit", ("floor-*", "place-*"), format=FORMAT)
@@ -140,6 +141,7 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "metres2": metres2,
         "axis_degrees": axis_degrees,
         "places": places_text,
+        "improved": lambda places: improved_text(places, named=False),
     }
     values = {
         "lead": first,

@@ -8,6 +8,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.reports.fields import Part, SquareMetres
 from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual
 from ambinav.studies.audit.verdict import Verdict
+from ambinav.studies.design.improved import ImprovedPart
 
 
 class CounterfactualPart(Part):
@@ -27,6 +28,10 @@ class CounterfactualPart(Part):
     )
     zones_m2: dict[str, SquareMetres] | None = Field(
         description="judged floor in each zone after the change; null: not known"
+    )
+    improved: tuple[ImprovedPart, ...] = Field(
+        description="the three places where most floor becomes good, the largest first; estimated "
+        "as the bad floor is; none where that is not known"
     )
     pays: bool = Field(description="true if it removes a tenth of the bad floor or more")
     scanner: str | None = Field(description="the other scanner; null: the present one")
@@ -70,6 +75,7 @@ def _part(change: Counterfactual) -> CounterfactualPart:
         after_high_m2=change.after.high,
         places=change.after.count,
         zones_m2=None if change.zones is None else dict(zip(ZONES, change.zones, strict=True)),
+        improved=tuple(map(ImprovedPart.of, change.improved)),
         pays=change.removed >= PAYS * change.before,
         scanner=None if change.scanner is None else change.scanner.name,
     )

@@ -70,18 +70,30 @@ def most_improved(
         parts: Masks of the floor that counts; None: those of `before`.
         within: Polygons that the floor must lie in; None: anywhere.
     """
-    parts, lattice = parts or before.judged, before.dataset
+    parts = parts or before.judged
+    improved = improved_floor(before, after, parts)
+    if within is not None:
+        x, y = np.meshgrid(before.dataset["x"].values, before.dataset["y"].values)
+        improved &= shapely.contains_xy(within, x, y)
+    return largest_places(before, improved, parts)
+
+
+def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor) -> Mask:
+    """Return a mask, shape (ny, nx), of floor that counts and is bad only before a change.
+
+    Args:
+        before: Map of the building as it is.
+        after: Map with the change, whose lattice may be larger or smaller.
+        parts: Masks of the floor that counts.
+    """
+    lattice = before.dataset
     then = after.floor("zone").reindex(
         x=lattice["x"], y=lattice["y"], method="nearest", tolerance=0.1 * before.spacing,
         fill_value=NOT_FREE,
     )  # fmt: skip
     was_bad = np.isin(before.floor("zone").values, (CORRIDOR, OPEN))
     # What an obstacle covers is not improved.
-    improved = parts.counted & was_bad & np.isin(then.values, (LOCALIZABLE, TRANSITION))
-    if within is not None:
-        x, y = np.meshgrid(lattice["x"].values, lattice["y"].values)
-        improved &= shapely.contains_xy(within, x, y)
-    return largest_places(before, improved, parts)
+    return np.asarray(parts.counted & was_bad & np.isin(then.values, (LOCALIZABLE, TRANSITION)))
 
 
 def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[ImprovedPlace, ...]:
@@ -121,12 +133,23 @@ def connected(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> Labels:
 
 
 def improved_text(
-    places: Sequence[ImprovedPart], what: str = "Most floor becomes good here"
+    places: Sequence[ImprovedPart],
+    what: str = "Most floor becomes good",
+    *,
+    named: bool = True,
 ) -> str:
-    """Name the places in a sentence, as pictures name them; empty if there are none."""
+    """List the places in a sentence, empty if there are none.
+
+    Args:
+        places: The places.
+        what: What happens there.
+        named: Whether by the names that pictures give them.
+    """
+    names = ascii_uppercase if named else ("",) * len(places)
     listed = [
-        f"{name} around ({place.x_m:.1f}, {place.y_m:.1f}), {place.area_m2:,.1f} m²"
-        for name, place in zip(ascii_uppercase, places, strict=False)
+        f"{name} around ({place.x_m:.1f}, {place.y_m:.1f}), "
+        f"{place.area_m2:,.{int(place.area_m2 < 10.0)}f} m²".strip()
+        for name, place in zip(names, places, strict=False)
     ]
     return f"{what}: {'; '.join(listed)}." if listed else ""
 

@@ -27,6 +27,7 @@ from ambinav.studies.audit.document import document
 from ambinav.studies.audit.figures import QUANTITIES, gate_of
 from ambinav.studies.audit.report import write_audit
 from ambinav.studies.audit.verdict import CHOICE
+from ambinav.studies.design.improved import most_improved
 
 SPACING = 0.25
 
@@ -89,6 +90,31 @@ def test_all_places_leave_no_doubt_and_some_leave_it_honestly(racks: Audit) -> N
         held += found.low <= exact <= found.high
         assert found.low <= found.value <= found.high
     assert held >= 54  # of 95 % of 60, three standard deviations of chance
+
+
+def test_places_that_gain_most_are_those_of_a_whole_map(racks: Audit) -> None:
+    """They lie on floor that improves, hold no more than improves, and samples estimate them."""
+    floor = FloorSample.of(racks.amap, racks.environment, racks.scanner)
+    other = laser(7.0)
+    whole = floor.zones([other], floor.floor)[0]
+    bad = floor.floor[floor.was_bad]
+    places = floor.improved(bad, whole[floor.was_bad])
+    changed = an.build_map(racks.environment, other, spacing=SPACING)
+    for exact in most_improved(racks.amap, changed):
+        assert exact.area <= places[0].area + 1e-9
+    areas = [place.area for place in places]
+    assert areas == sorted(areas, reverse=True)
+    removed = (floor.was_bad & ~np.isin(whole, BAD)).sum() * floor.cell_area
+    assert 0.0 < sum(areas) <= removed + 1e-9
+    for place in places:
+        assert racks.amap.sample("zone", place.x, place.y) in BAD
+        assert changed.sample("zone", place.x, place.y) not in BAD
+    sample, _ = floor.drawn(400, 10, np.random.default_rng(0))
+    drawn = floor.improved(sample, whole[np.searchsorted(floor.floor, sample)])
+    share = areas[0] / floor.bad_area
+    allowed = 3.0 * math.sqrt(share * (1.0 - share) / 400) * floor.bad_area
+    assert abs(drawn[0].area - areas[0]) <= allowed
+    assert floor.improved(bad, np.full(len(bad), BAD[0])) == ()
 
 
 def test_a_warehouse_is_told_to_see_farther(racks: Audit, advised: Audit) -> None:
@@ -302,7 +328,7 @@ def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert out.replace("\n", " ").startswith(report["verdict"]["sentence"][:60])
     assert report["verdict"]["decision"] in ("range", "scanner")
-    assert f"computed. {CHOICE}\n\n![" in (tmp_path / "out" / "report.md").read_text()
+    assert f"computed. {CHOICE}\n\n- *Use a" in (tmp_path / "out" / "report.md").read_text()
     assert run(*given, "--quiet", "--no-advice") == (0, "", "")
     assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] is None
     status, _, err = run(*given, "--posts", "2", "--no-advice")

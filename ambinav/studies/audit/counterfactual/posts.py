@@ -24,6 +24,7 @@ from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
 from ambinav.studies.audit.post_search import PostSearch
+from ambinav.studies.design.improved import improved_floor, largest_places
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
@@ -135,13 +136,14 @@ def find_posts(
     known = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
     )
-    after = None
-    if placement.placed:
-        changed = amap.update(known.edited())
-        # Floor that a post covers stays as bad as it was.
-        after = float((bad & ~_not_bad(changed, amap)).sum()) * amap.cell_area
+    if not placement.placed:
+        report(1.0)
+        return PostSearch(count, rules, known, "")
+    improved = improved_floor(amap, known.after, amap.judged)
+    after = float((bad & ~improved).sum()) * amap.cell_area
     report(1.0)
-    return PostSearch(count, rules, known, "", after)
+    most = largest_places(amap, improved, amap.judged)
+    return PostSearch(count, rules, known, "", after, most)
 
 
 def _part(report: Callable[[float], None]) -> Callable[[float], None]:
@@ -165,17 +167,3 @@ def _nearest(candidates: Sequence[Candidate], best: list[Candidate], count: int)
     middles = np.array([candidate.middle for candidate in best])
     away = [float(np.hypot(*(middles - candidate.middle).T).min()) for candidate in candidates]
     return [candidates[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
-
-
-def _not_bad(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
-    """Mark the free cells of a map that are not bad in the changed map.
-
-    The changed map may have another lattice.
-    """
-    zone = changed.floor("zone")
-    on_lattice = zone.reindex(
-        x=amap.dataset["x"], y=amap.dataset["y"], method="nearest",
-        tolerance=0.1 * amap.spacing, fill_value=BAD[0],
-    ).values  # fmt: skip
-    good: NDArray[np.bool_] = np.isin(on_lattice, (0, 1))
-    return good

@@ -22,8 +22,9 @@ from ambinav.drive.bootstrap import Interval, share
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.region import ALL_HEADINGS, Places
 from ambinav.studies.design.views import mask_of, scanner_views
@@ -44,6 +45,7 @@ class FloorSample:
         headings: Headings of the robot, radians, shape (H,).
         floor: Running numbers of all judged points, shape (J,).
         was_bad: Mask of those that are bad in the map, shape (J,).
+        place: Bad place that each belongs to, shape (J,); 0: none.
         cell_area: Area of a point, square metres.
     """
 
@@ -53,6 +55,7 @@ class FloorSample:
     headings: NDArray[np.float64]
     floor: NDArray[np.int64]
     was_bad: NDArray[np.bool_]
+    place: NDArray[np.int32]
     cell_area: float
 
     @classmethod
@@ -60,15 +63,16 @@ class FloorSample:
         """Sample the judged floor of a map that `build_map` made of a building for a scanner."""
         setting = MapSetting.of(amap, scanner)
         lattice, _ = setting.lattice(environment)
-        judged = amap.judged.counted[lattice.free]
-        zone = amap.floor("zone").values[lattice.free]
-        floor = np.flatnonzero(judged)
+        counted = amap.judged.counted
+        bad = counted & np.isin(amap.floor("zone").values, BAD)
+        place = connected(amap, bad, amap.judged)
+        floor = np.flatnonzero(counted[lattice.free])
         headings = setting.headings
         if not amap.has_theta:
             headings = 2.0 * math.pi * np.arange(HEADINGS) / HEADINGS
         return cls(
-            environment, lattice, setting.model, headings, floor, np.isin(zone[floor], BAD),
-            amap.cell_area,
+            environment, lattice, setting.model, headings, floor, bad[lattice.free][floor],
+            place[lattice.free][floor], amap.cell_area,
         )  # fmt: skip
 
     @property
@@ -114,6 +118,30 @@ class FloorSample:
         mean = np.where(known, radii, 0.0).sum(axis=3) / np.maximum(count, 1)
         mean[count == 0] = np.nan
         return classify(mean[0], mean[1], self.model.low, self.model.high)
+
+    def improved(
+        self, point: NDArray[np.int64], zone: NDArray[np.uint8]
+    ) -> tuple[ImprovedPlace, ...]:
+        """Estimate where most floor becomes good: so much of so many bad places, largest first.
+
+        Args:
+            point: A sample of bad points, as `drawn` gives it.
+            zone: Zone codes at these, with a change.
+        """
+        good = np.isin(zone, (LOCALIZABLE, TRANSITION))
+        place = self.place[np.searchsorted(self.floor, point)]
+        count = np.bincount(place[good])
+        count[:1] = 0
+        x, y = self.lattice.points
+        places = []
+        for number in np.argsort(-count, kind="stable")[:MOST].tolist():
+            if count[number]:
+                at = point[good & (place == number)]
+                off = np.hypot(x[at] - x[at].mean(), y[at] - y[at].mean())
+                middle = at[int(off.argmin())]
+                area = count[number] / len(point) * self.bad_area
+                places.append(ImprovedPlace(float(x[middle]), float(y[middle]), float(area)))
+        return tuple(places)
 
     def area_in(
         self, codes: Sequence[int], of_bad: NDArray[np.uint8], of_others: NDArray[np.uint8]

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from typing import Final, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, NOT_FREE, ZONES
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, TRANSITION, ZONES
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
 from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
 from ambinav.studies.audit.counterfactual.trips import Trips
+from ambinav.studies.design.improved import ImprovedPlace, largest_places
 
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 PAYS: Final = 0.1
@@ -40,6 +42,7 @@ class Counterfactual:
         before: Bad floor as it is, square metres.
         after: Bad floor then, on the same judged floor; with an interval where it was computed at a
             sample of places.
+        improved: Where most floor becomes good; none where that is not known.
         zones: Judged floor in each zone then, square metres, in the order of `ZONES`; None where
             that is not known.
         scanner: The new scanner; None: the present one.
@@ -51,6 +54,7 @@ class Counterfactual:
     detail: str
     before: float
     after: Interval
+    improved: tuple[ImprovedPlace, ...] = ()
     zones: tuple[float, ...] | None = None
     scanner: RangeScanner | None = None
     size: float = 0.0
@@ -126,6 +130,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
             "The robot must turn on the spot there, or drive sideways.",
             before,
             [share.area for share in amap.zone_shares("best", counted)],
+            _turned_good(amap, amap.floor("zone", "best").values),
         )
     ]
     zone = amap.dataset["zone"].transpose("theta", "y", "x").values
@@ -139,15 +144,28 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
             for code, share in enumerate(left)
         ]
         title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
-        kept.append(_by_heading(title, "The robot must drive sideways.", before, areas))
+        places = _turned_good(amap, codes)
+        kept.append(_by_heading(title, "The robot must drive sideways.", before, areas, places))
     return [*changes, min(kept, key=lambda change: change.after.value)]
 
 
-def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) -> Counterfactual:
+def _turned_good(amap: AmbiguityMap, zone: NDArray[np.uint8]) -> tuple[ImprovedPlace, ...]:
+    """Return the largest places that are bad in the mean over headings and good in `zone`."""
+    counted, was = amap.judged.counted, amap.floor("zone").values
+    good = counted & np.isin(was, BAD) & np.isin(zone, (LOCALIZABLE, TRANSITION))
+    return largest_places(amap, good, amap.judged)
+
+
+def _by_heading(
+    title: str,
+    detail: str,
+    before: float,
+    areas: Sequence[float],
+    improved: tuple[ImprovedPlace, ...],
+) -> Counterfactual:
     bad = sum(areas[code] for code in BAD)
-    return Counterfactual(
-        "heading", title, detail, before, Interval(bad, bad, bad, 0), tuple(areas)
-    )
+    after = Interval(bad, bad, bad, 0)
+    return Counterfactual("heading", title, detail, before, after, improved, tuple(areas))
 
 
 def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
@@ -231,6 +249,7 @@ def _evaluate(
                 "",
                 floor.bad_area,
                 floor.area_in(BAD, *parts),
+                floor.improved(bad, parts[0]),
                 tuple(floor.area_in((code,), *parts).value for code in range(len(ZONES))),
                 change.scanner,
                 change.value,
