@@ -365,6 +365,8 @@ def _show_aliasing(report: Document) -> None:
         )
         columns = "letter", "x, y", "aliased with x, y", "turned by", "area", "likeness"
         show("", table(columns, pairs, left=("letter",)))
+        for row in aliasing.repetitions:
+            show(row.sentence)
 
 
 def _show_help(report: Document) -> None:

@@ -119,9 +119,13 @@ def test_report_shows_them(found, rooms, laser, tmp_path):
     assert Document.model_validate(data) == report
     pair = data["aliasing"]["pairs"][0]
     assert (pair["letter"], pair["turn_deg"] % 360) == ("A", pytest.approx(0.0, abs=3.0))
+    (row,) = report.aliasing.repetitions
+    assert (row.letter, row.count, row.direction_deg) == ("A", 3, 0.0)
+    assert row.period_m == pytest.approx(PERIOD, abs=0.03)
     for name in ("report.md", "report.html"):
         text = (tmp_path / "out" / name).read_text()
         assert "Perceptual aliasing" in text
+        assert row.sentence in text
         assert f"{pair['other_x_m']:.1f}, {pair['other_y_m']:.1f}" in text
     # A second report replaces the first, picture and all.
     write_audit(audit(amap, rooms, laser, places=0), tmp_path / "out")
