@@ -73,7 +73,7 @@ from harness import ROOT, appended, arguments, commits, environment_path, kept_r
 
 from ambinav.plotting.canvas import save_figure
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate_in
 from ambinav_envs.leaderboard.board import CONDITIONS
 from ambinav_envs.leaderboard.store import load_episodes, save_episodes
 from ambinav_envs.parameters import NavigationParameters
@@ -228,7 +228,7 @@ class Study:
                         {**CONDITIONS[condition], **policy.seeing, **LOCALIZERS[localizer]}
                     )
                     count = EPISODES[venue]
-                    done = evaluate(
+                    done = evaluate_in(
                         policy, self._source(place), parameters, count, SEED, chunk=count
                     )
                     save_episodes(done, self._path(name, place, condition))

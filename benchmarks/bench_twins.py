@@ -16,7 +16,7 @@ from harness import arguments, report, table
 
 from ambinav.reports.table import difference_text, interval_text
 from ambinav_envs.arena import Arena
-from ambinav_envs.evaluation import UNSEEN, evaluate
+from ambinav_envs.evaluation import UNSEEN, evaluate_in
 from ambinav_envs.leaderboard.board import CONDITIONS
 from ambinav_envs.leaderboard.figures import make_rows
 from ambinav_envs.leaderboard.twin_runs import OWN, drive_twins
@@ -43,11 +43,11 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
             )
             # Shared by all, because it holds the maps.
             source = source or fresh
-            episodes_driven = evaluate(policy, source, parameters, episodes, seed)
+            episodes_driven = evaluate_in(policy, source, parameters, episodes, seed)
             twins = drive_twins(
                 policy, episodes_driven, Arena(source, parameters), seed, lambda share: None
             )
-            bare = evaluate(policy, source, replace(parameters, **NO_MAP), episodes, seed)
+            bare = evaluate_in(policy, source, replace(parameters, **NO_MAP), episodes, seed)
             own, without = make_rows(source.name, {OWN: episodes_driven, "NoMap": bare}, OWN, seed)
             scores = twins.scores
             yield (

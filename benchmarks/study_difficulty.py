@@ -20,7 +20,7 @@ from ambinav.drive import bootstrap
 from ambinav.drive.shares import evidence_of, newcombe
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.difficulty import LEVELS
-from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes, evaluate, joined
+from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes, evaluate_in, joined
 from ambinav_envs.leaderboard.methods import PLANNERS, SHORTEST, STEERS, planner_method
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
@@ -74,7 +74,7 @@ def drive(
     make: Callable[[NavigationParameters], Driver] = planner_method(
         SHORTEST, PLANNERS[SHORTEST]
     ).make
-    return evaluate(
+    return evaluate_in(
         make(parameters) if policy is None else policy, source, parameters, episodes, seed,
         chunk=min(episodes, 128),
     )  # fmt: skip

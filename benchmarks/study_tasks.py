@@ -16,7 +16,7 @@ from harness import arguments, option, report, table
 from task_baselines import BASELINES, Baseline, baseline
 
 from ambinav.drive.bootstrap import paired_share, share
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import Episodes, evaluate_in
 from ambinav_envs.scenario import source_of
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 from ambinav_envs.tasks import HARD_TASKS, VARIANTS
@@ -84,7 +84,7 @@ FEW = (
 def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) -> Episodes:
     """Run episodes of one baseline in one task."""
     source, parameters = source_of({**arguments, **who.seeing})
-    return evaluate(
+    return evaluate_in(
         who.make(parameters), source, parameters, episodes, seed, chunk=min(episodes, 200)
     )
 

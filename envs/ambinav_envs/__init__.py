@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from ambinav_envs.commands import as_actions as as_actions
     from ambinav_envs.commands import as_commands as as_commands
     from ambinav_envs.evaluation import Episodes as Episodes
-    from ambinav_envs.evaluation import evaluate as evaluate
     from ambinav_envs.leaderboard.dataset import record_datasets as record_datasets
+    from ambinav_envs.leaderboard.evaluated import evaluate as evaluate
     from ambinav_envs.leaderboard.methods import follower_method as follower_method
     from ambinav_envs.leaderboard.methods import planner_method as planner_method
     from ambinav_envs.leaderboard.methods import policy_method as policy_method

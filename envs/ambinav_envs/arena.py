@@ -17,7 +17,7 @@ from ambinav_envs.evaluation import (
     Episodes,
     Progress,
     episode_seeds,
-    evaluate,
+    evaluate_in,
     joined,
 )
 from ambinav_envs.parameters import NavigationParameters
@@ -77,16 +77,16 @@ class Arena:
         seed: int,
         progress: Progress | None = None,
     ) -> Episodes:
-        """Run episodes with a policy or a controller; see `evaluation.evaluate`.
+        """Run episodes with a policy or a controller; see `evaluation.evaluate_in`.
 
         A wrapped environment is driven by itself, one episode after the other, which takes several
         times as long; the figures are those of the simulation in it, but for the reward.
 
         Raises:
-            InputError: see `evaluation.evaluate`, or a wrapper fails.
+            InputError: see `evaluation.evaluate_in`, or a wrapper fails.
         """
         if self.wrapped is None:
-            return evaluate(
+            return evaluate_in(
                 controller, self.source, self.parameters, episodes, seed, progress=progress
             )
         with closing(make_wrapped(self.wrapped, self.arguments or {})) as env:

@@ -174,7 +174,7 @@ def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
     return np.array(words, dtype=np.int64)
 
 
-def evaluate(
+def evaluate_in(
     controller: EpisodeDriver | Policy,
     source: BuildingSource,
     parameters: NavigationParameters,
@@ -215,7 +215,7 @@ def evaluate_seeds(
     chunk: int = CHUNK,
     progress: Progress | None = None,
 ) -> Episodes:
-    """Run episodes of given seeds, see `evaluate`.
+    """Run episodes of given seeds, see `evaluate_in`.
 
     Args:
         controller: A policy or a controller.
@@ -227,7 +227,7 @@ def evaluate_seeds(
         progress: Called with the share done.
 
     Raises:
-        InputError: see `evaluate`.
+        InputError: see `evaluate_in`.
     """
     chunk, episodes = as_count(chunk, "chunk"), len(seeds)
     simulation = Simulation(source, parameters, chunk)

@@ -12,7 +12,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.evaluation import (
     Episodes,
     episode_seeds,
-    evaluate,
+    evaluate_in,
     evaluate_seeds,
     joined,
     per_metre,
@@ -44,7 +44,7 @@ class Seeker(Policy):
 
 def run(environment: Environment, count: int, **more: Any) -> Episodes:
     source, parameters = scenario(None, environment, None, 0, None, OPTIONS)
-    return evaluate(Seeker(), source, parameters, count, seed=4, **more)
+    return evaluate_in(Seeker(), source, parameters, count, seed=4, **more)
 
 
 def single(environment: Environment, seed: int) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def test_buildings_may_be_given() -> None:
 def test_every_episode_is_begun_once() -> None:
     source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
     policy = Seeker()
-    evaluate(policy, source, parameters, 5, chunk=2)
+    evaluate_in(policy, source, parameters, 5, chunk=2)
     assert policy.started == 5
 
 
@@ -123,8 +123,8 @@ class Divides(Seeker):
 
 def test_who_stands_idle_does_no_harm() -> None:
     source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
-    wanted = evaluate(Seeker(), source, parameters, 3, seed=4, chunk=8)
-    found = evaluate(Divides(), source, parameters, 3, seed=4, chunk=8)
+    wanted = evaluate_in(Seeker(), source, parameters, 3, seed=4, chunk=8)
+    found = evaluate_in(Divides(), source, parameters, 3, seed=4, chunk=8)
     assert np.array_equal(found.travelled, wanted.travelled)
 
 
@@ -145,7 +145,7 @@ def test_odd_actions_are_refused_in_one_sentence(given: Any, message: str) -> No
 
     source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
     with pytest.raises(InputError, match=message) as caught:
-        evaluate(Odd(), source, parameters, 2, chunk=2)
+        evaluate_in(Odd(), source, parameters, 2, chunk=2)
     assert str(caught.value).startswith("policy seeker: ") and "\n" not in str(caught.value)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_envs.arena import Arena
-from ambinav_envs.evaluation import UNSEEN, Episodes
+from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.policies import load_policy
@@ -28,6 +28,7 @@ from ambinav_envs.simulation.layout import OUTCOMES
 
 COUNT: Final = 100
 """Default number of a suite's buildings from which the episodes are drawn."""
+JUDGED: Final[dict[str, Any]] = {"buildings": COUNT, "first_building": UNSEEN}
 
 EPISODE_COLUMNS: Final = (
     "seed", "building", "outcome", "was_lost", "error_mean", "error_max", "exposure", "travelled",
@@ -88,6 +89,42 @@ class Evaluation:
         return out.getvalue()
 
 
+def evaluate(
+    controller: EpisodeDriver | Policy,
+    task: str,
+    episodes: int = 200,
+    seed: int = 0,
+    *,
+    progress: Callable[[float], None] | None = None,
+    **arguments: Any,
+) -> Episodes:
+    """Run episodes of a registered environment with a policy or a controller.
+
+    Episode k is the same for all that drive it: building, start, goal, noise of odometry and
+    readings, people and obstacles have seeds of their own.
+
+    Args:
+        controller: A policy or a controller.
+        task: Gymnasium id of the environment.
+        episodes: Number of episodes.
+        seed: Seed of the episodes, 0 or more.
+        progress: Called with the share done.
+        arguments: Arguments of the environment in the place of its own, such as `people=3`. Unless
+            they say which buildings, these are `COUNT` of the suite from `UNSEEN` on.
+
+    Raises:
+        InputError: nobody has registered the id, the policy does not fit, or an argument is of no
+            use.
+    """
+    if isinstance(controller, Policy):
+        arguments = environment_for(controller, arguments, task)
+        task = arguments.pop("id")
+    elif arguments_of_id(task, arguments).get("map") is None:
+        arguments = JUDGED | arguments
+    arena = Arena.of(task, arguments)
+    return arena.evaluate(controller, episodes, seed, progress)
+
+
 def environment_for(
     policy: Policy, changed: Mapping[str, Any], task: str | None = None
 ) -> dict[str, Any]:
@@ -122,7 +159,7 @@ def environment_for(
         arguments.pop("map", None)
     arguments |= changed
     if arguments.get("map") is None:
-        arguments = {"buildings": COUNT, "first_building": UNSEEN, **arguments}
+        arguments = JUDGED | arguments
     return arguments if task is None else {"id": name, **arguments}
 
 
@@ -131,7 +168,7 @@ def _environment_around(name: str, policy: Policy, changed: Mapping[str, Any]) -
     meant = arguments_of_id(name, changed)
     arguments = {key: value for key, value in policy.seeing.items() if meant[key] != value}
     if meant.get("map") is None:
-        arguments |= {"buildings": COUNT, "first_building": UNSEEN}
+        arguments |= JUDGED
     return {"id": name, **arguments, **changed}
 
 

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from ambinav.runtime.errors import InputError
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import Episodes, evaluate_in
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.corrected import HOLD, MOTION, CorrectedPolicy, Corrector
@@ -52,7 +52,7 @@ def corrected(model: Any) -> CorrectedPolicy:
 
 def episodes(policy: Any, count: int = 6, **options: Any) -> Episodes:
     source, parameters = scenario(None, room(), None, 0, None, {**SEES, **options})
-    return evaluate(policy, source, parameters, count, 1, chunk=count)
+    return evaluate_in(policy, source, parameters, count, 1, chunk=count)
 
 
 def test_as_fast_as_it_may_it_is_the_baseline() -> None:
@@ -149,7 +149,7 @@ def test_a_training_leaves_a_file_that_is_data(run: Path) -> None:
     card = read_card(file)
     arguments = {name: value for name, value in policy.environment.items() if name != "suite"}
     source, parameters = scenario("hall", None, 1, 2, None, arguments)
-    found = evaluate(policy, source, parameters, 4, 0).summary()
+    found = evaluate_in(policy, source, parameters, 4, 0).summary()
     assert found["reward"] == pytest.approx(card.notes["evaluation"]["reward"], rel=1e-6)
 
 

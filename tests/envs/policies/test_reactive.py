@@ -19,7 +19,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.commands import as_commands
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import Episodes, evaluate_in
 from ambinav_envs.leaderboard.methods import all_methods, policy_method
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
@@ -46,7 +46,7 @@ def episodes(name: str, count: int, **options: Any) -> Episodes:
     source, parameters = scenario(
         None, room(), None, 0, None, {**policy.environment, "longest": 8.0, **options}
     )
-    return evaluate(policy, source, parameters, count, 1, chunk=count)
+    return evaluate_in(policy, source, parameters, count, 1, chunk=count)
 
 
 @ALL
