@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.geometry.motion.steering import Steering, checked_poses
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.route import Floats, Route
@@ -45,7 +45,7 @@ def evaluate_route(
     Args:
         service: The map with its cost per metre.
         poses: x, y, theta, shape (N, 3), N at least 2; metres, radians, map frame. In r2 the
-            headings are replaced by the direction of travel.
+            headings are replaced by the direction of travel, and shape (N, 2) will do.
         steering: The kind of motion.
         planner: Name of the planner.
         seed: Seed of the planner's random numbers.
@@ -59,10 +59,9 @@ def evaluate_route(
         InputError: fewer than two poses, poses or covariances of another shape, something in
             them is not finite, or a pose lies outside of the map.
     """
-    route = checked_poses(poses, "poses")
+    route = steering.oriented(poses)
     if len(route) < 2:
         raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
-    route = steering.oriented(route)
     levels = _levels(service, route)
     dense, _, along = steering.dense(route, service.map.spacing / PER_CELL)
     metres = np.diff(along)

@@ -109,6 +109,11 @@ def test_headings_of_r2_lie_along_the_travel(service):
     assert route.turn == pytest.approx(math.pi / 2)
     assert route.start == (1.0, 1.0, 0.0)
     assert route.goal == pytest.approx((3.0, 3.0, math.pi / 2))
+    # So they need not be given; where they count they must be.
+    points = [(1.0, 1.0), (3.0, 1.0), (3.0, 3.0)]
+    assert np.array_equal(measure(service, points).poses, route.poses)
+    with pytest.raises(InputError, match=r"shape \(N, 3\)"):
+        measure(service, points, Steering("se2"))
 
 
 def test_turn_counts_curves_and_turns_on_the_spot(service):
@@ -159,7 +164,7 @@ def test_what_the_planner_knows_is_kept(service):
     ("poses", "options", "message"),
     [
         ([(1.0, 1.0, 0.0)], {}, "start and a goal"),
-        ([(1.0, 1.0), (2.0, 2.0)], {}, r"shape \(2, 2\)"),
+        ([(1.0,), (2.0,)], {}, r"shape \(2, 1\)"),
         ([(1.0, 1.0, 0.0), (math.nan, 1.0, 0.0)], {}, r"poses\[1\]"),
         ([(1.0, 1.0, 0.0), (90.0, 1.0, 0.0)], {}, r"poses\[1\] is at \(90, 1\) m, outside"),
         (THROUGH, {"covariances": np.eye(3)}, r"shape \(3, 3\)"),

@@ -125,9 +125,16 @@ class Steering:
         """Return the route with headings that suit the space, shape (N, 3).
 
         In r2 they point along the travel, at the last pose as at the one before; where the route
-        stays in one place, as at the next motion. In the other spaces they are left.
+        stays in one place, as at the next motion. There points, shape (N, 2), will do. In the other
+        spaces they are left.
+
+        Raises:
+            InputError: see `checked_poses`.
         """
-        route = checked_poses(poses, "poses")
+        given = np.asarray(poses, dtype=np.float64)
+        if self.kind == FACING and given.ndim == 2 and given.shape[1] == 2:
+            given = np.column_stack([given, np.zeros(len(given))])
+        route = checked_poses(given, "poses")
         if self.kind != FACING or len(route) < 2:
             return route
         step = np.diff(route[:, :2], axis=0)
