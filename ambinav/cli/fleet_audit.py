@@ -213,3 +213,11 @@ def _show(fleet: Fleet) -> None:
         show(table(columns, shown, left=("site", "scanner", "needs"), fold=True))
     if len(rows) > SHOWN:
         show(f"and {len(rows) - SHOWN} more")
+    mixes = (
+        (", ".join(f"{name} ({len(sites)})" for name, sites in mix.scanners.items()),
+         metres2(mix.bad_m2), percent(mix.worst_share))
+        for mix in fleet.document.mixes
+    )  # fmt: skip
+    if fleet.document.mixes:
+        headings = "best scanners (sites)", "bad floor", "worst site"
+        show("", table(headings, mixes, left=headings[:1], fold=True))

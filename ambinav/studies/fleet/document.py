@@ -98,6 +98,14 @@ class NeedPart(Part):
     removed_m2: SquareMetres = Field(description="of that, removed when it is followed")
 
 
+class MixPart(Part):
+    """A few kinds of scanners for all sites, each site with the one that leaves least bad floor."""
+
+    scanners: dict[str, tuple[str, ...]] = Field(description="the sites that each of them serves")
+    bad_m2: SquareMetres = Field(description="bad floor of all sites")
+    worst_share: Share = Field(description="largest share of bad floor at a site")
+
+
 class FleetDocument(Part):
     """The whole fleet."""
 
@@ -108,6 +116,11 @@ class FleetDocument(Part):
     radius_m: Metres
     robot_radius_m: Metres | None = Field(description="null: each scanner's own")
     needs: tuple[NeedPart, ...] = Field(description="the largest removed area first")
+    mixes: tuple[MixPart, ...] = Field(
+        default=(),
+        description="the best set of one scanner, of two, and so on, over the sites that have "
+        "figures for all scanners; none for a fleet with one scanner",
+    )
     figures: tuple[FleetFigures, ...] = Field(description="by site and scanner")
 
 

@@ -20,6 +20,7 @@ from ambinav.studies.fleet.document import (
     RunPart,
     figures_of,
 )
+from ambinav.studies.fleet.mix import best_mixes
 from ambinav.studies.fleet.tables import parquet
 from ambinav.studies.fleet.unit import RESULTS, FleetSettings, UnitDone
 from ambinav.studies.study import Content, Study
@@ -44,6 +45,7 @@ def fleet_document(results: Sequence[UnitDone], settings: FleetSettings) -> Flee
         radius_m=settings.radius,
         robot_radius_m=settings.robot_radius,
         needs=_needs(rows),
+        mixes=best_mixes(rows),
         figures=rows,
     )
 
