@@ -134,6 +134,18 @@ def test_a_tag_fixes_the_position_along_a_corridor(
         assert np.allclose(*values, atol=1e-5, equal_nan=True)
 
 
+def test_a_tag_weighs_the_same_however_many_beams_meet_it(tagged: an.AmbiguityMap) -> None:
+    """Thinning takes nothing from it: `tau` grows with the beams."""
+    sensor = SEEING.sensors[0]
+    fine = RangeScanner.planar(sensor, 720, 2 * math.pi)
+    places = [MIDDLE + off for off in (0.0, 0.5, 1.0, 1.5, 2.0, 2.5)]
+    levels = [along(tagged, "major", x) for x in places]
+    assert levels[0] < 0.53 and 0.94 < levels[4] < 0.97
+    for beams in (60, 240, 720):
+        amap = an.build_map(corridor(0.4), fine, spacing=0.2, store=False, max_beams=beams)
+        assert np.allclose(levels, [along(amap, "major", x) for x in places], atol=0.04)
+
+
 def test_a_noisy_channel_tells_nothing(unheard: an.AmbiguityMap) -> None:
     """The limit of a large deviation is the map without the channel."""
     noisy = built(corridor(0.4), LASER.with_intensity(replace(CHANNEL, std=1e3)))
