@@ -45,6 +45,9 @@ _BELOW: Final = 36.0
 _BESIDE: Final = 8.0
 _BETWEEN: Final = 4.0
 """Points from a floor to its scale bar, to a legend below it and beside it, and between legends."""
+_NARROW: Final = 160.0
+_LINE: Final = 13.0
+"""Below a floor of less width, the bar stands so much lower, below the name of the x axis."""
 _BACKDROP, _CELLS, _FRONTIERS, _WALLS, _STROKES, _LABELS = 0.5, 1.0, 3.0, 4.0, 5.0, 10.0
 """Drawing order; routes are drawn from 6 to 9."""
 _STRIPES: Final = 90
@@ -92,8 +95,11 @@ class FloorFigure:
             )
         self.axes = ax
         self._font = 11 if longest > SMALL else 9
-        self._drops = {True: 0.0, False: _BELOW if scale_bar else _BAR}
         self._coordinates(width, height)
+        ax.apply_aspect()
+        size = ax.get_window_extent().width * 72.0 / root_figure(ax).dpi
+        self._lower = _LINE if size < _NARROW else 0.0
+        self._drops = {True: 0.0, False: _BELOW + self._lower if scale_bar else _BAR}
         self._backdrop()
         self._draw_walls(walls)
         if scale_bar:
@@ -331,7 +337,8 @@ class FloorFigure:
     def _scale_bar(self, width: float) -> None:
         """Draw a bar of a round length below the lower left corner, with its length."""
         length, left = round_length(width), self.bounds[0]
-        down = ScaledTranslation(0.0, -_BAR / 72.0, root_figure(self.axes).dpi_scale_trans)
+        drop = -(_BAR + self._lower) / 72.0
+        down = ScaledTranslation(0.0, drop, root_figure(self.axes).dpi_scale_trans)
         below = self.axes.get_xaxis_transform() + down
         bar = Line2D(
             [left, left + length],
