@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from math import radians
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
+from ambinav.cli.running import above_zero
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
@@ -59,10 +61,39 @@ class ForecastOptions:
         ),
     ] = None
 
+    position_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--position-limit",
+            metavar="M",
+            help="A robot is lost that is farther off, metres.",
+            show_default="0.5",
+        ),
+    ] = None
+    lateral_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--lateral-limit",
+            metavar="M",
+            help="A robot is lost that is farther off across its heading, as on a lane; "
+            "--position-limit then holds along the heading.",
+            show_default="none",
+        ),
+    ] = None
+    heading_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--heading-limit",
+            metavar="DEG",
+            help="A robot is lost that is turned by more, degrees.",
+            show_default="30",
+        ),
+    ] = None
+
     @property
     def wanted(self) -> bool:
         """True if any of the options is given."""
-        return self.localizer is not None or self.odometry is not None
+        return self != ForecastOptions()
 
     def check(self) -> None:
         """Refuse names that are unknown, before a map is opened.
@@ -81,10 +112,19 @@ class ForecastOptions:
                 check(value)
             except InputError as error:
                 raise InputError(f"{option}: {error}") from None
+        above_zero(self.position_limit, "--position-limit", "1.2")
+        above_zero(self.lateral_limit, "--lateral-limit", "0.3")
+        above_zero(self.heading_limit, "--heading-limit", "15", "degrees")
 
     def forecaster(self, amap: AmbiguityMap, routes: Sequence[Route] | None = None) -> Forecaster:
         """Make the forecaster of a map; None: of any routes."""
         from ambinav.forecasting.forecast import Forecaster
 
         which = self.odometry or ODOMETRY, self.localizer or LOCALIZER
-        return Forecaster(amap, *which, routes=routes)
+        limits: dict[str, Any] = {
+            "position_limit": self.position_limit,
+            "lateral_limit": self.lateral_limit,
+            "heading_limit": None if self.heading_limit is None else radians(self.heading_limit),
+        }
+        given = {name: limit for name, limit in limits.items() if limit is not None}
+        return Forecaster(amap, *which, routes=routes, **given)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ambinav.forecasting.ensemble import LostRule
 
 Floats = NDArray[np.float64]
 
@@ -72,8 +75,7 @@ def causes_of(
     along: Floats,
     lost: Floats,
     covariance: Floats,
-    position_limit: float,
-    heading_limit: float,
+    rule: LostRule,
 ) -> tuple[Cause, ...]:
     """Return the stretches on which robots get lost, the worst first.
 
@@ -82,8 +84,7 @@ def causes_of(
         along: Metres up to each pose, shape (n,).
         lost: Share lost up to each pose, shape (n,).
         covariance: Of the robots that are not lost, shape (n, 3, 3).
-        position_limit: Metres off from which a robot is lost.
-        heading_limit: Radians off from which a robot is lost.
+        rule: When a robot is lost.
     """
     losses = np.diff(lost, prepend=lost[:1])
     if not losses.max(initial=0.0) > 0.0:
@@ -96,17 +97,25 @@ def causes_of(
         if share < max(LEAST * lost[-1], FEWEST):
             continue
         worst = first + int(losses[first:end].argmax())
-        kind, direction = _kind(covariance[worst], position_limit, heading_limit)
+        kind, direction = _kind(covariance[worst], float(poses[worst, 2]), rule)
         x, y = poses[worst, :2].tolist()
         start = float(along[max(first - 1, 0)])
         causes.append(Cause(share, start, float(along[end - 1]), x, y, kind, direction))
     return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
-def _kind(covariance: Floats, position_limit: float, heading_limit: float) -> tuple[str, float]:
+def _kind(covariance: Floats, theta: float, rule: LostRule) -> tuple[str, float]:
     variances, vectors = np.linalg.eigh(covariance[:2, :2])
     across, along = np.sqrt(np.maximum(variances, 0.0)).tolist()
     direction = math.atan2(vectors[1, 1], vectors[0, 1]) % math.pi
-    if math.sqrt(covariance[2, 2]) / heading_limit > along / position_limit:
+    off = along / rule.position
+    if rule.lateral is not None:
+        c, s = math.cos(theta), math.sin(theta)
+        ahead, left = np.array([[c, s], [-s, c]])
+        off = max(
+            math.sqrt(axis @ covariance[:2, :2] @ axis) / limit
+            for axis, limit in ((ahead, rule.position), (left, rule.lateral))
+        )
+    if math.sqrt(covariance[2, 2]) / rule.heading > off:
         return TURNING, direction
     return (OPEN if across > ROUND * along else SLIDING), direction

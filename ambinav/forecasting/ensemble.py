@@ -70,9 +70,11 @@ class LostRule:
     The defaults are those of `ambinav.drive.metrics`.
 
     Attributes:
-        position: Limit of the position's error, metres.
+        position: Limit of the position's error, metres: in any direction, or along the heading.
         heading: Limit of the heading's error, radians.
         seconds: For how long an error may be above one of them.
+        lateral: Limit of the error across the robot's heading, metres; None: that of the position
+            holds in any direction.
 
     Raises:
         InputError: a number is negative or not finite.
@@ -81,11 +83,29 @@ class LostRule:
     position: float = LOST_POSITION
     heading: float = LOST_HEADING
     seconds: float = LOST_SECONDS
+    lateral: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("position", "heading", "seconds"):
-            if as_number(getattr(self, name), name) < 0.0:
-                raise InputError(f"{name} is {getattr(self, name)}; give at least 0.")
+        for name in ("position", "heading", "seconds", "lateral"):
+            value = getattr(self, name)
+            if value is not None and as_number(value, name) < 0.0:
+                raise InputError(f"{name} is {value}; give at least 0.")
+
+    def is_off(self, error: Errors, theta: Floats) -> NDArray[np.bool_]:
+        """Return whether errors are above a limit, shape (R, n).
+
+        Args:
+            error: Of x, y (metres, map frame) and heading (radians), shape (R, n, 3).
+            theta: True heading at each sample, radians, shape (n,).
+        """
+        x, y, turned = np.moveaxis(error, -1, 0)
+        if self.lateral is None:
+            off = np.hypot(x, y) > self.position
+        else:
+            c, s = np.cos(theta), np.sin(theta)
+            off = np.abs(c * x + s * y) > self.position
+            off |= np.abs(c * y - s * x) > self.lateral
+        return np.asarray(off | (np.abs(turned) > self.heading))
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +306,7 @@ class EnsembleRunner:
         lost_after: list[float] = []
         for error in self._batches(path, route, rng, runs, BATCH if sequential else runs):
             parts.append(error)
-            position = np.hypot(error[..., 0], error[..., 1])
-            far = (position > lost.position) | (np.abs(error[..., 2]) > lost.heading)
+            far = lost.is_off(error, path[:, 2])
             lost_after += [first_lost(time, row, lost.seconds) for row in far]
             events = int(np.isfinite(lost_after).sum())
             interval = confidence_sequence(events, len(lost_after), half)

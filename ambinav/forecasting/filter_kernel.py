@@ -12,9 +12,9 @@ enclose it:
 - the largest share, so far, of the whole Gaussian outside of the limits: a lower bound, for robots
   that were lost earlier and are back do not count;
 - that of a Gaussian that is cut off at the limits after every scan, along both axes of the
-  position's error and for the heading: what lies outside counts as lost, and the rest is a Gaussian
-  again, of the same second moment. Of a variance s^2 cut off at +-b, with a = b / s and phi, Phi of
-  the standard normal,
+  position's error (or along and across the robot's heading) and for the heading: what lies outside
+  counts as lost, and the rest is a Gaussian again, of the same second moment. Of a variance s^2 cut
+  off at +-b, with a = b / s and phi, Phi of the standard normal,
 
       lost share = 2 Phi(-a),    variance = s^2 (1 - 2 a phi(a) / (1 - 2 Phi(-a)))
 
@@ -61,7 +61,10 @@ class FilterSettings(NamedTuple):
         turn_gain: Factor on that about the heading, beside `gain`.
         distance: Metres from update to update.
         angle: Radians, likewise.
-        position_limit: Metres off from which a robot is lost.
+        position_limit: Metres off from which a robot is lost: in any direction, or along its
+            heading.
+        lateral_limit: Metres across the heading, likewise; inf: the position's limit holds in any
+            direction.
         heading_limit: Radians, likewise.
     """
 
@@ -70,6 +73,7 @@ class FilterSettings(NamedTuple):
     distance: float
     angle: float
     position_limit: float
+    lateral_limit: float
     heading_limit: float
 
 
@@ -181,8 +185,8 @@ def filter_step(
             copy_into(room.gained, room.information)
             scale(room.gained, settings.gain * updates, math.sqrt(settings.turn_gain))
             take_in(matrix, room.gained)
-        outside = max(outside, 1.0 - share_within(whole, settings))
-        tracked *= cut_off(cov, settings)
+        outside = max(outside, 1.0 - share_within(whole, settings, after[2]))
+        tracked *= cut_off(cov, settings, after[2])
     return outside, tracked
 
 
@@ -253,11 +257,26 @@ def axes(cov):
 
 
 @kernel
-def share_within(cov, settings):
-    """Return the share of errors within the limits along both axes and for the heading."""
+def share_within(cov, settings, theta):
+    """Return the share of errors within the limits of a robot with heading `theta`, radians."""
     large, small, _, _ = axes(cov)
-    b, turn = settings.position_limit, settings.heading_limit
-    return within(b, large) * within(b, small) * within(turn, cov[2, 2])
+    b, turn = settings.position_limit, within(settings.heading_limit, cov[2, 2])
+    if settings.lateral_limit == math.inf:
+        return within(b, large) * within(b, small) * turn
+    c, s = math.cos(theta), math.sin(theta)
+    along, across, both = variances(cov, c, s)
+    stay = within(b, along)
+    # The errors across of those within the limit along, which the two may share.
+    across -= (1.0 - kept_share(b, along, stay)) * both * both / along
+    return stay * within(settings.lateral_limit, across) * turn
+
+
+@kernel(inline="always")
+def variances(cov, c, s):
+    """Return the position's variances along (c, s) and across, and their covariance."""
+    along = c * c * cov[0, 0] + 2.0 * c * s * cov[0, 1] + s * s * cov[1, 1]
+    across = s * s * cov[0, 0] - 2.0 * c * s * cov[0, 1] + c * c * cov[1, 1]
+    return along, across, c * s * (cov[1, 1] - cov[0, 0]) + (c * c - s * s) * cov[0, 1]
 
 
 @kernel(inline="always")
@@ -269,12 +288,28 @@ def within(limit, variance):
 
 
 @kernel
-def cut_off(cov, settings):
-    """Cut the Gaussian off at the limits, in place; return the share that stays."""
+def cut_off(cov, settings, theta):
+    """Cut the Gaussian off at the limits of a robot with heading `theta`, radians, in place.
+
+    Returns:
+        The share that stays.
+    """
     large, small, c, s = axes(cov)
-    b = settings.position_limit
-    stay = cut_along(cov, c, s, 0.0, large, b) * cut_along(cov, -s, c, 0.0, small, b)
+    b, lateral = settings.position_limit, settings.lateral_limit
+    if lateral == math.inf:
+        stay = cut_along(cov, c, s, 0.0, large, b) * cut_along(cov, -s, c, 0.0, small, b)
+    else:
+        c, s = math.cos(theta), math.sin(theta)
+        stay = cut_along(cov, c, s, 0.0, variances(cov, c, s)[0], b)
+        stay *= cut_along(cov, -s, c, 0.0, variances(cov, c, s)[1], lateral)
     return stay * cut_along(cov, 0.0, 0.0, 1.0, cov[2, 2], settings.heading_limit)
+
+
+@kernel(inline="always")
+def kept_share(limit, variance, stay):
+    """Return the variance of a normal deviate cut off at +-limit as a share of the whole one's."""
+    a = limit / math.sqrt(variance)
+    return max(1.0 - math.sqrt(2.0 / math.pi) * a * math.exp(-0.5 * a * a) / stay, LEAST_SHARE)
 
 
 @kernel
@@ -283,8 +318,7 @@ def cut_along(cov, h0, h1, h2, variance, limit):
     stay = within(limit, variance)
     if stay == 1.0:
         return stay
-    a = limit / math.sqrt(variance)
-    share = max(1.0 - math.sqrt(2.0 / math.pi) * a * math.exp(-0.5 * a * a) / stay, LEAST_SHARE)
+    share = kept_share(limit, variance, stay)
     g0 = cov[0, 0] * h0 + cov[0, 1] * h1 + cov[0, 2] * h2
     g1 = cov[1, 0] * h0 + cov[1, 1] * h1 + cov[1, 2] * h2
     g2 = cov[2, 0] * h0 + cov[2, 1] * h1 + cov[2, 2] * h2

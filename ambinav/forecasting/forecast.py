@@ -98,6 +98,8 @@ class Forecaster:
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.
+        lateral_limit: Metres across the robot's heading from which it is lost, as on a lane; then
+            `position_limit` holds along the heading. None: it holds in any direction.
         environment: What the map was built of; None: as the map keeps it, which of buildings in
             space is the floor alone.
         routes: The only routes that will be asked for: the map's information is computed near
@@ -125,6 +127,7 @@ class Forecaster:
         start_std: ArrayLike = START_STD,
         position_limit: float = LOST_POSITION,
         heading_limit: float = LOST_HEADING,
+        lateral_limit: float | None = None,
         environment: Environment | None = None,
         routes: Sequence[Route] | None = None,
     ) -> None:
@@ -144,7 +147,9 @@ class Forecaster:
         self.field = InformationField.of(amap, environment, points)
         self.start = np.diag(np.square(_deviations(start_std)))
         self.settings = self.localizer.settings(
-            _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit")
+            _limit(position_limit, "position_limit"),
+            _limit(heading_limit, "heading_limit"),
+            None if lateral_limit is None else _limit(lateral_limit, "lateral_limit"),
         )
 
     def __call__(self, route: Route) -> Forecast:
@@ -156,9 +161,18 @@ class Forecaster:
         poses, along = self._sampled(route)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
-        limits = self.settings.position_limit, self.settings.heading_limit
-        causes = causes_of(poses, along, lost, covariance, *limits)
+        causes = causes_of(poses, along, lost, covariance, self.lost_rule)
         return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
+
+    @property
+    def lost_rule(self) -> LostRule:
+        """When a driven robot is lost by the same limits."""
+        across = self.settings.lateral_limit
+        return LostRule(
+            self.settings.position_limit,
+            self.settings.heading_limit,
+            lateral=None if math.isinf(across) else across,
+        )
 
     def lost_probabilities(self, routes: Sequence[Route]) -> Floats:
         """Return the probability that a robot gets lost on each route, shape (K,).
@@ -188,7 +202,7 @@ class Forecaster:
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
-            lost=LostRule(self.settings.position_limit, self.settings.heading_limit),
+            lost=self.lost_rule,
         )  # fmt: skip
 
     @staticmethod
@@ -243,6 +257,7 @@ def forecast(
     start_std: ArrayLike = START_STD,
     position_limit: float = LOST_POSITION,
     heading_limit: float = LOST_HEADING,
+    lateral_limit: float | None = None,
 ) -> Forecast:
     """Forecast how far off a localizer will be along a route, and how likely it gets lost.
 
@@ -254,6 +269,7 @@ def forecast(
     forecaster = Forecaster(
         amap, odometry, localizer,
         start_std=start_std, position_limit=position_limit, heading_limit=heading_limit,
+        lateral_limit=lateral_limit,
     )  # fmt: skip
     return forecaster(route)
 

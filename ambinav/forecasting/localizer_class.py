@@ -8,6 +8,7 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -156,11 +157,15 @@ class LocalizerClass:
         with replacing(path) as fresh:
             fresh.write_text(text, encoding="utf-8")
 
-    def settings(self, position_limit: float, heading_limit: float) -> FilterSettings:
+    def settings(
+        self, position_limit: float, heading_limit: float, lateral_limit: float | None = None
+    ) -> FilterSettings:
         """Return what the filter's kernels take; limits in metres and radians."""
+        across = math.inf if lateral_limit is None else lateral_limit
         return FilterSettings(
-            self.gain, self.turn_gain, self.distance, self.angle, position_limit, heading_limit
-        )
+            self.gain, self.turn_gain, self.distance, self.angle, position_limit, across,
+            heading_limit,
+        )  # fmt: skip
 
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""

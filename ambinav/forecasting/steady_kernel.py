@@ -104,9 +104,11 @@ def steady_rows(
                 continue
             lost[p, d] = 0.0
             if not is_far(X, settings):
-                outside = 1.0 - share_within(X, settings)
+                outside = 1.0 - share_within(X, settings, theta)
                 copy_into(cov, start)
-                tracked = tracked_share(cov, scan, x, y, grown, settings, 1 + 2**doublings, room)
+                tracked = tracked_share(
+                    cov, scan, x, y, theta, grown, settings, 1 + 2**doublings, room
+                )
                 lost[p, d] = between(outside, 1.0 - tracked)
 
 
@@ -202,12 +204,12 @@ def is_far(cov, settings):
     """Return whether nobody gets lost: the limits are too many deviations away."""
     large, _, _, _ = axes(cov)
     square = FAR * FAR
-    near = large * square <= settings.position_limit**2
+    near = large * square <= min(settings.position_limit, settings.lateral_limit) ** 2
     return near and cov[2, 2] * square <= settings.heading_limit**2
 
 
 @kernel
-def tracked_share(cov, scan, x, y, grown, settings, updates, room):
+def tracked_share(cov, scan, x, y, theta, grown, settings, updates, room):
     """Return the share that is within the limits after each of so many updates; see `cut_off`.
 
     `cov` is the covariance at the beginning; it and `room` are overwritten.
@@ -218,7 +220,7 @@ def tracked_share(cov, scan, x, y, grown, settings, updates, room):
         advance(cov, x, y, grown)
         copy_into(room, scan)
         take_in(cov, room)
-        stay = cut_off(cov, settings)
+        stay = cut_off(cov, settings, theta)
         tracked *= stay
         done += 1
         change = abs(cov[0, 0] + cov[1, 1] - place) + abs(cov[2, 2] - turn) * place / turn

@@ -41,24 +41,39 @@ def reference(
             both = np.linalg.inv(np.linalg.inv(both) + J)
         P, whole = both
         if updates > 0.0:
-            outside = max(outside, 1.0 - math.prod(
-                1.0 - 2.0 * float(norm.sf(limit / math.sqrt(h @ whole @ h)))
-                for limit, h in _limits(whole, settings)
-            ))  # fmt: skip
-            for limit, h in _limits(P, settings):
-                std = math.sqrt(h @ P @ h)
-                tracked *= 1.0 - 2.0 * float(norm.sf(limit / std))
-                cut = truncnorm.var(-limit / std, limit / std, scale=std)
-                P = P - np.outer(P @ h, P @ h) * (std**2 - cut) / std**4
+            of_place, _ = _cut_off(whole, _place_limits(whole, settings, after[2]))
+            of_heading, _ = _cut_off(whole, _heading_limit(settings))
+            outside = max(outside, 1.0 - of_place * of_heading)
+            limits = [*_place_limits(P, settings, after[2]), *_heading_limit(settings)]
+            stay, P = _cut_off(P, limits)
+            tracked *= stay
         covariances.append((earlier + P) / 2.0)
         lost.append(float(expit((logit(outside) + logit(1.0 - tracked)) / 2.0)))
     return np.array(covariances), np.array(lost)
 
 
-def _limits(P: Floats, settings: FilterSettings) -> list[tuple[float, Floats]]:
-    axes = np.linalg.eigh(P[:2, :2])[1]
-    return [
-        (settings.position_limit, np.append(axes[:, 1], 0.0)),
-        (settings.position_limit, np.append(axes[:, 0], 0.0)),
-        (settings.heading_limit, np.array([0.0, 0.0, 1.0])),
-    ]
+Limits = list[tuple[float, Floats]]
+"""Limits, and the directions (x, y, theta) of the errors that they are of."""
+
+
+def _place_limits(P: Floats, settings: FilterSettings, theta: float) -> Limits:
+    (small, large), limit = np.linalg.eigh(P[:2, :2])[1].T, settings.position_limit
+    if math.isinf(settings.lateral_limit):
+        return [(limit, np.append(large, 0.0)), (limit, np.append(small, 0.0))]
+    c, s = math.cos(theta), math.sin(theta)
+    return [(limit, np.array([c, s, 0.0])), (settings.lateral_limit, np.array([-s, c, 0.0]))]
+
+
+def _heading_limit(settings: FilterSettings) -> Limits:
+    return [(settings.heading_limit, np.array([0.0, 0.0, 1.0]))]
+
+
+def _cut_off(P: Floats, limits: Limits) -> tuple[float, Floats]:
+    """Return the share within limits, one after the other, and the Gaussian that is cut off."""
+    stay = 1.0
+    for limit, h in limits:
+        std = math.sqrt(h @ P @ h)
+        stay *= 1.0 - 2.0 * float(norm.sf(limit / std))
+        cut = truncnorm.var(-limit / std, limit / std, scale=std)
+        P = P - np.outer(P @ h, P @ h) * (std**2 - cut) / std**4
+    return stay, P

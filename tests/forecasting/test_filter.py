@@ -14,13 +14,19 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.filter_kernel import FilterSettings, cut_off, forecast_rows, take_in
+from ambinav.forecasting.filter_kernel import (
+    FilterSettings,
+    cut_off,
+    forecast_rows,
+    share_within,
+    take_in,
+)
 from ambinav.forecasting.information_field import InformationField
 from tests.forecasting.reference_filter import reference
 
 Floats = NDArray[np.float64]
 START = np.diag([0.05, 0.05, 0.02]) ** 2
-SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.radians(30.0))
+SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.inf, math.radians(30.0))
 
 
 def field_of(matrices: Floats, spacing: float = 0.1) -> InformationField:
@@ -70,7 +76,8 @@ def test_equals_the_reference(seed: int) -> None:
     poses[5, :2] = poses[4, :2]  # a turn on the spot
     poses[8] = poses[7]  # and none at all
     noise = OdometryNoise(scale=rng.uniform(0.1, 1.0))
-    settings = FilterSettings(rng.uniform(0.05, 2.0), rng.uniform(0.05, 2.0), 0.25, 0.2, 0.5, 0.5)
+    gains, lateral = rng.uniform(0.05, 2.0, 2), float(rng.choice([0.2, math.inf]))
+    settings = FilterSettings(*gains, 0.25, 0.2, 0.5, lateral, 0.5)
     for ours, theirs in zip(
         run(poses, field, noise, settings), reference(poses, START, field, noise, settings),
         strict=True,
@@ -165,6 +172,34 @@ def test_first_passage_of_a_walk_that_is_pulled_back() -> None:
         assert 0.65 * gone.mean() < lost < gone.mean(), weak
 
 
+def test_limits_along_and_across_the_heading() -> None:
+    """Of a Gaussian with correlated errors, 400 000 drawn; equal limits leave the axes to count."""
+    rng = np.random.default_rng(3)
+    root = np.diag([0.6, 0.25, 0.2]) + 0.1 * rng.normal(size=(3, 3))
+    cov, theta = root @ root.T, 0.7
+    limits = SETTINGS._replace(position_limit=1.2, lateral_limit=0.3)
+    error = rng.multivariate_normal(np.zeros(3), cov, size=400_000)
+    c, s = math.cos(theta), math.sin(theta)
+    along, across = error[:, 0] * c + error[:, 1] * s, error[:, 1] * c - error[:, 0] * s
+    within = (np.abs(along) <= 1.2) & (np.abs(across) <= 0.3)
+    within &= np.abs(error[:, 2]) <= limits.heading_limit
+    assert 0.2 < within.mean() < 0.8
+    assert share_within(cov, limits, theta) == pytest.approx(within.mean(), abs=0.02)
+    # What is cut off is within the limits, and as if it were turned with the robot.
+    left = cov.copy()
+    assert cut_off(left, limits, theta) == pytest.approx(within.mean(), abs=0.02)
+    assert np.cov(error[within].T) == pytest.approx(left, abs=0.01)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    straight_on = turn.T @ cov @ turn
+    assert share_within(straight_on, limits, 0.0) == pytest.approx(share_within(cov, limits, theta))
+    # Across the axes of the error itself the two kinds of limits are the same.
+    apart = np.diag([0.3, 0.1, 0.02])
+    alike = limits._replace(position_limit=0.4, lateral_limit=0.4)
+    assert share_within(apart, alike, 0.0) == pytest.approx(
+        share_within(apart, alike._replace(lateral_limit=math.inf), 0.0)
+    )
+
+
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 9), st.tuples(*[st.floats(-30.0, 30.0)] * 9),
     st.integers(1, 3),
@@ -184,7 +219,7 @@ def test_taking_in_is_adding_information(
 @pytest.mark.parametrize("std", [0.1, 0.3, 0.6, 2.0])
 def test_cutting_off_leaves_the_second_moment(std: float) -> None:
     covariance = np.diag([std, 1e-3, 1e-3]) ** 2
-    stay = cut_off(covariance, SETTINGS)
+    stay = cut_off(covariance, SETTINGS, 0.0)
     share = norm.cdf(0.5, scale=std) - norm.cdf(-0.5, scale=std)
     moment = quad(lambda e: e * e * norm.pdf(e, scale=std), -0.5, 0.5)[0] / share
     assert stay == pytest.approx(share, abs=1e-8)

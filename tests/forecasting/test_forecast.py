@@ -16,6 +16,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import ODOMETRIES
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import OPEN
+from ambinav.forecasting.ensemble import LostRule
 from ambinav.forecasting.forecast import Forecaster, forecast, in_words, sampled
 from ambinav.forecasting.localizer_class import LocalizerClass, class_of, localizer_classes
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -84,6 +85,28 @@ def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
 
     assert share(position_limit=1.2, heading_limit=1.0) < share() < share(position_limit=0.3)
     assert share() < share(start_std=(0.3, 0.3, 0.2))
+    # Autoware's monitor: 1.2 m along the lane, 0.3 m across it.
+    lanes = share(position_limit=1.2, lateral_limit=0.3)
+    assert share(position_limit=1.2) < lanes < share(position_limit=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("odometry", ["mediocre", "poor"])
+def test_driven_robots_are_lost_by_the_same_limits(demo_map: AmbiguityMap, odometry: str) -> None:
+    """Forecasts are near the interval of 64 drives, and wider limits lose fewer."""
+    limits = {"position_limit": 1.2, "lateral_limit": 0.3}
+    forecaster = Forecaster(demo_map, odometry, **limits)  # type: ignore[arg-type]
+    runner = forecaster.runner()
+    for route in (ROOMS, HALL):
+        driven = runner.drive(route, np.random.default_rng(1), 64).probability
+        assert driven.low - 0.15 < forecaster(route).lost_probability < driven.high + 0.15
+    along = runner.drive(HALL, np.random.default_rng(1), 64, lost=LostRule(1.2, lateral=9.0))
+    both = runner.drive(HALL, np.random.default_rng(1), 64, lost=LostRule(1.2))
+    assert (
+        along.lost.sum()
+        <= both.lost.sum()
+        < runner.drive(HALL, np.random.default_rng(1), 64).lost.sum()
+    )
 
 
 def test_samples_are_an_update_apart() -> None:
@@ -134,6 +157,7 @@ def test_classes_are_calibrated() -> None:
         ({"odometry": "wheels"}, "odometry is 'wheels'; "),
         ({"localizer": "gps"}, "localizer is 'gps', which has no calibration; "),
         ({"position_limit": 0.0}, "position_limit is 0; "),
+        ({"lateral_limit": math.nan}, "lateral_limit is nan; "),
         ({"heading_limit": -1.0}, "heading_limit is -1; "),
         ({"start_std": (0.1, 0.1)}, r"start_std is \[0.1, 0.1\]; "),
     ],

@@ -27,7 +27,7 @@ from tests.forecasting.test_filter import even_field, run, straight
 from tests.geometry import scenes
 
 Floats = NDArray[np.float64]
-SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.radians(30.0))
+SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.inf, math.radians(30.0))
 START = np.diag(np.square(START_STD))
 DOUBLINGS = 8
 METRES = (1 + 2**DOUBLINGS) * SETTINGS.distance

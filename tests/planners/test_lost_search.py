@@ -25,7 +25,7 @@ from tests.planners.small_graphs import graphs, paths_up_to, random_information
 ENDS = (9.0, 21.0), (28.0, 17.0)
 """Of a route whose shortest way leads through the middle of the hall."""
 RAW = LocalizerClass(name="raw", title="as computed", gain=0.2)
-SETTINGS = FilterSettings(0.2, 1.0, 0.25, 0.2, 0.5, math.radians(30.0))
+SETTINGS = FilterSettings(0.2, 1.0, 0.25, 0.2, 0.5, math.inf, math.radians(30.0))
 
 
 def lost_on(graph: MotionGraph, forecaster: SimpleNamespace, motions: list[int]) -> float:

@@ -212,7 +212,7 @@ def _check_plain(env: gym.Env[Any, Any]) -> None:
 
 
 class _Driver:
-    """A method in a single environment; `evaluation.evaluate` uses a batched one.
+    """A method in a single environment; `evaluation.evaluate_in` uses a batched one.
 
     Raises:
         InputError: it is a policy that does not fit.

@@ -15,7 +15,7 @@ pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
 from ambinav.runtime.errors import InputError
-from ambinav_envs.evaluation import evaluate
+from ambinav_envs.evaluation import evaluate_in
 from ambinav_envs.leaderboard import dataset as module
 from ambinav_envs.leaderboard.dataset import dataset_id, record_datasets
 from ambinav_envs.leaderboard.methods import Method, follower_method, planner_methods
@@ -64,7 +64,7 @@ def test_what_is_recorded_can_be_driven_again(
             "hall", None, 1, 0, None,
             {key: value for key, value in {**method.seeing, **SMALL}.items() if key != "buildings"},
         )  # fmt: skip
-        wanted = evaluate(method.make(parameters), source, parameters, 3, 7, chunk=1)
+        wanted = evaluate_in(method.make(parameters), source, parameters, 3, 7, chunk=1)
         ends = list(stored.storage.get_episode_metadata(range(3)))
         for k, episode in enumerate(stored.iterate_episodes()):
             seen, _ = env.reset(seed=ends[k]["seed"])

@@ -15,7 +15,7 @@ from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import as_commands
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import Episodes, evaluate_in
 from ambinav_envs.leaderboard.methods import RouteFollower, planner_method
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
 from ambinav_envs.leaderboard.waypoint import WaypointFollower
@@ -30,7 +30,7 @@ OPTIONS = {"longest": 12.0, "shortest": 4.0, "localizer": "perfect"}
 
 def driven(follower: RouteFollower, environment: Environment, count: int = 6) -> Episodes:
     source, parameters = scenario(None, environment, None, 0, None, dict(OPTIONS))
-    return evaluate(follower, source, parameters, count, seed=1, chunk=8)
+    return evaluate_in(follower, source, parameters, count, seed=1, chunk=8)
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_planners_know_what_the_localizer_knows(monkeypatch: pytest.MonkeyPatch)
     source, parameters = scenario(None, room(), None, 0, None, {**OPTIONS, **options})
     follower = planner_method("belief 5", PlannerChoice("belief")).make(parameters)
     assert isinstance(follower, RouteFollower)
-    evaluate(follower, source, parameters, 1, seed=1, chunk=8)
+    evaluate_in(follower, source, parameters, 1, seed=1, chunk=8)
     assert robots
     for robot in robots:
         assert robot.odometry == OdometryNoise(scale=0.4)
