@@ -6,10 +6,11 @@ import functools
 import gc
 import math
 import os
+import pickle
 import shutil
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ import pytest
 import typer.main
 import typer.testing
 from hypothesis import HealthCheck, settings
+
+from tests.forked import ForkServer
 
 # No clock decides: a machine with other work to do is slow, not wrong.
 settings.register_profile("tests", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -45,6 +48,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 NO_DATA = "AMBINAV_DATA is not set"
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -149,6 +153,42 @@ def plan_folder(plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "notes.txt").write_text("not ours")
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def seeded_copies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[bytes], Any]]:
+    """Answers of seeded plans from copies of one process, where OMPL has drawn no numbers yet."""
+    script = (
+        "import pickle\nfrom pathlib import Path\nfrom ambinav_planners.seeded import _called\n"
+        "Path('answer').write_bytes(pickle.dumps(_called(Path('task').read_bytes())))\n"
+    )
+    servers: list[ForkServer] = []
+
+    def answer_of(task: bytes) -> Any:
+        if not servers:
+            paths = (str(ROOT / name) for name in ("", "planners"))
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+            modules = ("ambinav_planners.planning", "ambinav_planners.flight", "ompl.geometric")
+            servers.append(ForkServer(environment, *modules))
+        folder = tmp_path_factory.mktemp("seeded")
+        (folder / "script.py").write_text(script)
+        (folder / "task").write_bytes(task)
+        status, _, errors = servers[0](folder, "script.py")
+        assert status == 0, errors
+        return pickle.loads((folder / "answer").read_bytes())
+
+    yield answer_of
+    for server in servers:
+        server.close()
+
+
+@pytest.fixture
+def forked_plans(
+    seeded_copies: Callable[[bytes], Any], monkeypatch: pytest.MonkeyPatch
+) -> Callable[[bytes], Any]:
+    """Let seeded plans start no interpreters, each of which takes two seconds."""
+    monkeypatch.setattr("ambinav_planners.seeded._answer_of", seeded_copies)
+    return seeded_copies
 
 
 @pytest.fixture(scope="module")

@@ -27,18 +27,18 @@ def environment(**options: object) -> NavigationEnv:
     return NavigationEnv(map=room(), **given_too)  # type: ignore[arg-type]
 
 
-def score_of(numbers: np.ndarray, estimate: np.ndarray, truth: np.ndarray, area: float) -> float:
-    """The score by SciPy's normal density and turns of the heading, one after the other."""
+def score_of(
+    numbers: np.ndarray, estimate: np.ndarray, truth: np.ndarray, area: float
+) -> np.ndarray:
+    """The score by SciPy's normal density and turns of the heading, of true poses (..., 3)."""
     offset, cov = (part[0] for part in as_beliefs(numbers[None]))
     c, s = math.cos(estimate[2]), math.sin(estimate[2])
-    ahead = np.array([[c, s], [-s, c]]) @ (truth - estimate)[:2]
-    turned = truth[2] - estimate[2]
-    density = sum(
-        multivariate_normal.pdf([*ahead, turned + 2.0 * math.pi * k], offset, cov)
-        for k in range(-4, 5)
-    )
+    off = truth - estimate
+    ahead = off[..., :2] @ np.array([[c, -s], [s, c]])
+    turns = [np.append(ahead, off[..., 2:] + 2.0 * math.pi * k, axis=-1) for k in range(-4, 5)]
+    density = multivariate_normal.pdf(turns, offset, cov).sum(axis=0)
     even = 1.0 / (area * 2.0 * math.pi)
-    return math.log(((1.0 - UNIFORM) * density + UNIFORM * even) / even)
+    return np.log(((1.0 - UNIFORM) * density + UNIFORM * even) / even)
 
 
 @given(ROW)
@@ -84,16 +84,12 @@ def test_it_is_proper() -> None:
     offset, cov = as_beliefs(true)
     poses = rng.multivariate_normal(offset[0], cov[0], 400)
     estimate = np.zeros(3)
-
-    def scores(numbers: np.ndarray) -> np.ndarray:
-        return np.array([score_of(numbers, estimate, pose, 200.0) for pose in poses])
-
-    own = scores(true[0])
+    own = score_of(true[0], estimate, poses, 200.0)
     for k in range(9):
         for change in (-0.2, 0.2):
             other = true[0].copy()
             other[k] += change
-            gain = own - scores(other)
+            gain = own - score_of(other, estimate, poses, 200.0)
             assert gain.mean() > 0.0, (k, change)
 
 

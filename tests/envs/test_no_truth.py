@@ -30,13 +30,20 @@ WITHOUT_ID: dict[str, dict[str, Any]] = {
     "slippery": {"suite": "hall", "slip": 1.0, "slip_radius": 3.0, "shortest": 6.0},
     "no waypoint": {"suite": "procedural", "waypoint": False, "window_cells": 24},
 }
-# Twins without the map drive the same episodes.
+# The last twin rooms have whatever the others have.
+FEWER_FEATURES = tuple(f"ambinav/TwinRooms{k}-" for k in range(1, 5))
+
+
+def marks_of(name: str) -> list[pytest.MarkDecorator]:
+    """Return the marks of an id: twins without the map or with a belief drive the same episodes."""
+    if name.startswith(FEWER_FEATURES):
+        return [pytest.mark.sweep]
+    twin = "-NoMap-" in name or name == "ambinav/TwinRooms5-Belief-v1"
+    return [pytest.mark.slow] if twin else []
+
+
 NAMES = [
-    *(
-        pytest.param(name, marks=[pytest.mark.slow] if "-NoMap-" in name else [])
-        for name in IDS
-        if "-TruePose-" not in name
-    ),
+    *(pytest.param(name, marks=marks_of(name)) for name in IDS if "-TruePose-" not in name),
     *WITHOUT_ID,
 ]
 # 64 robots for 60 steps leave at least 800 steps on either side: a useless regression explains less

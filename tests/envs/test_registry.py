@@ -28,9 +28,13 @@ from tests.envs.cases import equal
 gym.register_envs(ambinav_envs)
 # One building of each, so that its map is made once.
 FEW: dict[str, Any] = {"buildings": 1, "max_steps": 30}
-KEPT = ("ambinav/Procedural-v1", "ambinav/Kidnapped-NoMap-v1", "ambinav/Loop-TruePose-v1")
-# Suites, and twins of an id, differ by one argument: offices stand for the others.
-OTHERS = ("Hall", "Corridor", "Warehouse", "Loop", "Procedural")
+KEPT = (
+    "ambinav/Procedural-v1", "ambinav/Kidnapped-NoMap-v1", "ambinav/Loop-TruePose-v1",
+    "ambinav/TwinRooms5-v1",
+)  # fmt: skip
+# Suites, and twins of an id, differ by one argument: offices stand for the others. Of the twin
+# rooms the last have whatever the others have.
+OTHERS = ("Hall", "Corridor", "Warehouse", "Loop", "Procedural", "TwinRooms")
 EVERY = [
     pytest.param(name, marks=pytest.mark.slow if name in KEPT else pytest.mark.sweep)
     if "Office" not in name and (name.count("-") > 1 or any(suite in name for suite in OTHERS))

@@ -79,7 +79,7 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
     ],
 )
 def test_is_the_single_environment_many_times(mode: str, localizer: str, two_threads: None) -> None:
-    options = OPTIONS | {"map": room(), "localizer": localizer}
+    options = OPTIONS | {"map": room(), "localizer": localizer, "max_steps": 20}
     many = NavigationVectorEnv(COUNT, autoreset_mode=mode, **options)
     single = SyncVectorEnv([lambda: NavigationEnv(**options)] * COUNT, autoreset_mode=mode)
     assert many.observation_space == single.observation_space
@@ -87,7 +87,7 @@ def test_is_the_single_environment_many_times(mode: str, localizer: str, two_thr
     assert many.metadata == single.metadata
     equal(many.reset(seed=5), single.reset(seed=5))
     ends = 0
-    for action in actions(COUNT, 70):
+    for action in actions(COUNT, 44):
         got, wanted = many.step(action), single.step(action)
         equal(got, wanted)
         ends += int(got[2].sum() + got[3].sum())

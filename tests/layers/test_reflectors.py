@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 
@@ -11,6 +12,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 import ambinav as an
@@ -26,6 +28,8 @@ from ambinav.runtime.errors import InputError
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
+
+Floats = NDArray[np.float64]
 
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)
 
@@ -168,20 +172,31 @@ def explained_by_permutation(
     x, y = where.lattice.points
     rules, middle = where.rules, targets.middle
     result = np.zeros(len(x), dtype=np.bool_)
-    for p in range(len(x)):
-        view = np.flatnonzero(seen[p, 0])
-        if len(view) < rules.needed:
-            continue
-        for image in itertools.permutations(range(len(targets)), len(view)):
-            ours, theirs = middle[view], middle[list(image)]
+
+    @functools.cache
+    def fits(view: tuple[int, ...]) -> list[tuple[list[int], Rotation, Floats, Floats]]:
+        """Return the assignments that fit: images, rotation and both centres."""
+        ours, found = middle[list(view)], []
+        for image in map(list, itertools.permutations(range(len(targets)), len(view))):
+            theirs = middle[image]
+            # Where all points are as near as this, so are their distances from each other.
+            if np.abs(cdist(ours, ours) - cdist(theirs, theirs)).max() > 2.001 * rules.tolerance:
+                continue
             centre, other = ours.mean(axis=0), theirs.mean(axis=0)
             flat = [np.pad(points, ((0, 0), (0, 1))) for points in (theirs - other, ours - centre)]
             # A rotation about z: both sets are of the plane, and lifting z keeps it upright.
             flat = [np.vstack([points, [0.0, 0.0, 1e3]]) for points in flat]
             turn, _ = Rotation.align_vectors(*flat)
             moved = turn.apply(flat[1])[:-1, :2] + other
-            if np.hypot(*(moved - theirs).T).max() > rules.tolerance:
-                continue
+            if np.hypot(*(moved - theirs).T).max() <= rules.tolerance:
+                found.append((image, turn, centre, other))
+        return found
+
+    for p in range(len(x)):
+        view = tuple(np.flatnonzero(seen[p, 0]).tolist())
+        if len(view) < rules.needed:
+            continue
+        for image, turn, centre, other in fits(view):
             qx, qy = turn.apply([x[p] - centre[0], y[p] - centre[1], 0.0])[:2] + other
             angle = abs(turn.as_rotvec()[2])
             if math.hypot(qx - x[p], qy - y[p]) <= APART and angle <= TURNED:
@@ -189,7 +204,7 @@ def explained_by_permutation(
             away = np.hypot(x - qx, y - qy)
             wrong = int(np.argmin(away))
             inside = max(abs(x[wrong] - qx), abs(y[wrong] - qy)) <= 0.25
-            if inside and seen[wrong, 0, list(image)].all():
+            if inside and seen[wrong, 0, image].all():
                 result[p] = True
                 break
     return result

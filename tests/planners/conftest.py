@@ -15,6 +15,13 @@ DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 LASER = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
 
 
+@pytest.fixture(autouse=True)
+def seeded_plans(request: pytest.FixtureRequest) -> None:
+    """Fork where plans are seeded, but in the tests of just this."""
+    if request.path.name != "test_seeded.py":
+        request.getfixturevalue("forked_plans")
+
+
 @pytest.fixture(scope="session")
 def demo_map() -> AmbiguityMap:
     """The demo building for a laser that looks all around; it has no headings."""

@@ -112,7 +112,7 @@ def test_no_motion_costs_less_than_the_bound(
     robot = RoutePlanner(
         AmbiguityService(amap, weight=5.0, clearance_weight=1.0), footprint=RADIUS, space=space
     )
-    for start, goal in pairs(robot, 6, 5):
+    for start, goal in pairs(robot, 3, 5):
         motion = robot.service.motion_costs(start[None], goal[None], robot.checker.steering)
         # A bound that is not held down by what is known.
         bound, _ = lower_bound(robot.problem(start, goal), 1.5 * float(motion[0]), 0.01, 4_000)

@@ -68,6 +68,7 @@ def test_a_session_is_undone_and_redone(live: Live) -> None:
     assert live.get(SESSION)["position"] == 0
 
 
+@pytest.mark.slow
 def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"
     with running(create_app([plan_map], state=state)) as live:
@@ -188,6 +189,7 @@ def test_a_map_is_named_by_its_digest(
     assert len(digests) == 2 and digest in digests
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_said_and_harms_nothing_that_is_kept(
     plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

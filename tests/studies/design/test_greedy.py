@@ -31,13 +31,13 @@ PASSAGE = 0.9
 @pytest.fixture(scope="module")
 def helped() -> Remedy:
     """Three posts in a bare hall that is wider than the scanner's range."""
-    return find(posts=3, rng=np.random.default_rng(1))
+    return find(posts=3, rng=np.random.default_rng(1), spacing=0.35)
 
 
-def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Remedy:
+def find(posts: int, rng=None, regions=(), rules=None, scanner=None, spacing=SPACING) -> Remedy:
     env = environment_from_shapes([shapely.box(0, 0, 9, 7)], name="hall")
     scanner = laser(max_range=3.0, beams=48) if scanner is None else scanner
-    amap = an.build_map(env, scanner, SPACING, store=False)
+    amap = an.build_map(env, scanner, spacing, store=False)
     rules = PlaceRules(radius=0.2, most=18) if rules is None else rules
     return place_obstacles(env, scanner, amap, rules, posts, find_reach(env, 0.2), regions, rng)
 

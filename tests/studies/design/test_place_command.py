@@ -94,7 +94,7 @@ def test_a_report_is_written_and_read_again(folder) -> None:
 
 
 def test_json_is_the_report_alone(folder) -> None:
-    result = run("--panels", "1", "--candidates", "8", "--free-standing", "--json")
+    result = run("--panels", "1", "--candidates", "4", "--free-standing", "--json")
     assert result.exit_code == 0, result.output
     report = Document.model_validate_json(result.stdout)
     (one,) = report.obstacles
@@ -105,7 +105,7 @@ def test_json_is_the_report_alone(folder) -> None:
 
 def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
     (folder / "lane.wkt").write_text("POLYGON ((0 2, 8 2, 8 4, 0 4, 0 2))")
-    asked = ("--posts", "2", "--candidates", "12", "--keep-out", "lane.wkt", "--aged", "2")
+    asked = ("--posts", "2", "--candidates", "6", "--keep-out", "lane.wkt", "--aged", "2")
     result = run(*asked, "--json")
     assert result.exit_code == 0, result.output
     report = Document.model_validate_json(result.stdout)
