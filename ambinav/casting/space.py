@@ -18,7 +18,9 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.runtime.errors import InputError
 
 Scans = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]
 """Distance, surface and incidence of R rays at N poses, each of shape (N, R); see `SpaceCaster`."""
@@ -158,3 +160,27 @@ class SpaceCaster(Protocol):
             incidence: float32, shape (N, R), angle between ray and normal, radians in
                 [0, pi/2]; nan where nothing is met. Shape (0, 0) if not asked for.
         """
+
+
+def unit_rays(
+    origin: ArrayLike, direction: ArrayLike, max_range: float
+) -> tuple[tuple[int, ...], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Prepare single rays from anywhere; see `Prisms.cast`.
+
+    Returns:
+        Shape of the answer; origins and unit directions, (N, 3); and which rays are finite and have
+        a direction, (N,): the others are replaced by some ray.
+
+    Raises:
+        InputError: the range is not a positive number.
+    """
+    if not max_range > 0.0:
+        raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
+    parts = np.broadcast_arrays(
+        np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+    )
+    o, u = (np.ascontiguousarray(part).reshape(-1, 3) for part in parts)
+    length = np.linalg.norm(u, axis=1)
+    fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
+    u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
+    return parts[0].shape[:-1], np.where(fine[:, None], o, 0.0), u, fine

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.casting.space import Scans, SpaceRays
+from ambinav.casting.space import Scans, SpaceRays, unit_rays
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
@@ -155,17 +155,8 @@ class Mesh:
         Raises:
             InputError: the range is not a positive number.
         """
-        if not max_range > 0.0:
-            raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
-        parts = np.broadcast_arrays(
-            np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
-        )
-        shape = parts[0].shape[:-1]
-        o, u = (part.reshape(-1, 3) for part in parts)
-        length = np.linalg.norm(u, axis=1)
-        fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
-        u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
-        lengths, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
+        shape, o, u, fine = unit_rays(origin, direction, max_range)
+        lengths, face = self._cast(o, u, float(max_range))
         distance = np.minimum(lengths.astype(np.float64), max_range)
         distance[~fine], face[~fine] = np.nan, -1
         return distance.reshape(shape), face.reshape(shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,42 +18,42 @@ from ambinav.runtime.threads import run_rows
 LEAST_RAYS = 2048
 
 
-def cast_packets(
-    scene: PrismArrays,
-    plan: Triangulation | None,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    rays: SpaceRays,
-    max_range: float,
-    *,
-    incidence: bool,
-) -> Scans:
-    """Cast the same rays from many poses of the robot; see `SpaceCaster`.
+class PrismCaster(ABC):
+    """Base class of buildings of prisms, whose scans are cast from their arrays."""
 
-    Args:
-        scene: What rays meet.
-        plan: Where they may start; None: anywhere but in what is solid.
-        x: Poses, shape (N,), metres, map frame.
-        y: Poses, shape (N,), metres.
-        theta: Headings, shape (N,), radians.
-        rays: R rays; heights count from z = 0 of the building.
-        max_range: How far to look, metres.
-        incidence: Work out the angles of incidence too.
-    """
-    x, y, theta = (np.ascontiguousarray(part, dtype=np.float64) for part in (x, y, theta))
-    shape = len(x), len(rays.azimuth)
-    distance = np.empty(shape, dtype=np.float32)
-    surface = np.empty(shape, dtype=np.int32)
-    oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
-    packets = packets_of(rays)
-    run_rows(
-        scan_packets, len(x), x, y, theta, packets, scene, float(max_range), distance,
-        surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
-    )  # fmt: skip
-    if plan is not None:
-        _mask_outside(plan, x, y, theta, rays, (distance, surface, oblique))
-    return distance, surface, oblique
+    @property
+    @abstractmethod
+    def arrays(self) -> PrismArrays:
+        """Arrays of the building for the kernels."""
+
+    @property
+    @abstractmethod
+    def plan(self) -> Triangulation | None:
+        """Area where rays of scans may start; None: anywhere but in what is solid."""
+
+    def cast_scans(
+        self,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        theta: NDArray[np.float64],
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
+        x, y, theta = (np.ascontiguousarray(part, dtype=np.float64) for part in (x, y, theta))
+        shape = len(x), len(rays.azimuth)
+        distance = np.empty(shape, dtype=np.float32)
+        surface = np.empty(shape, dtype=np.int32)
+        oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
+        run_rows(
+            scan_packets, len(x), x, y, theta, packets_of(rays), self.arrays, float(max_range),
+            distance, surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
+        )  # fmt: skip
+        if self.plan is not None:
+            _mask_outside(self.plan, x, y, theta, rays, (distance, surface, oblique))
+        return distance, surface, oblique
 
 
 def _mask_outside(

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import Triangulation
-from ambinav.casting.prisms.cast import cast_packets
+from ambinav.casting.prisms.cast import PrismCaster
 from ambinav.casting.prisms.kernel import PrismArrays
 from ambinav.casting.prisms.prisms import Prisms
-from ambinav.casting.space import Scans, SpaceRays
 
 Box = tuple[float, float, float, float]
 # No triangle of the plan is near: use one in which no ray starts.
@@ -42,7 +41,7 @@ class Cells(NamedTuple):
         return np.cumsum(counts, dtype=np.int32)
 
 
-class PrismPart:
+class PrismPart(PrismCaster):
     """Rays near a box in a building of prisms; a `SpaceCaster` that is sent as its arrays.
 
     Surfaces are numbered anew, in the order of the building's. Rays that leave the box meet what is
@@ -97,21 +96,6 @@ class PrismPart:
         """Area where rays of scans may start; None: anywhere."""
         triangles = self._made_of[3]
         return None if triangles is None else Triangulation.from_triangles(triangles)
-
-    def cast_scans(
-        self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
-        rays: SpaceRays,
-        max_range: float,
-        *,
-        incidence: bool = True,
-    ) -> Scans:
-        """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
-        return cast_packets(
-            self.arrays, self.plan, x, y, theta, rays, max_range, incidence=incidence
-        )
 
 
 def part_of(prisms: Prisms, box: Box) -> PrismPart:

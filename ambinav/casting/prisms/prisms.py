@@ -14,13 +14,13 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.triangulation import Triangulation
-from ambinav.casting.prisms.cast import cast_packets
+from ambinav.casting.prisms.cast import PrismCaster
 from ambinav.casting.prisms.faces import Pieces
 from ambinav.casting.prisms.kernel import SLACK, PrismArrays
 from ambinav.casting.prisms.rays import NOWHERE, PrismRays
 from ambinav.casting.prisms.scans import cast_single
 from ambinav.casting.ray_packets import packets_of
-from ambinav.casting.space import Scans, SpaceRays
+from ambinav.casting.space import SpaceRays, unit_rays
 from ambinav.geometry.segments import WALL, Segments, edges_of
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
@@ -49,7 +49,7 @@ class Solid:
     kind: int = WALL
 
 
-class Prisms:
+class Prisms(PrismCaster):
     """Walls without thickness and solids, each between two heights, a floor and a ceiling.
 
     Surfaces are numbered: the W walls, given ones first and then the sides of the solids in their
@@ -210,38 +210,13 @@ class Prisms:
         Raises:
             InputError: the range is not a positive number.
         """
-        if not max_range > 0.0:
-            raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
-        parts = np.broadcast_arrays(
-            np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
-        )
-        shape = parts[0].shape[:-1]
-        o, u = (np.ascontiguousarray(part).reshape(-1, 3) for part in parts)
-        length = np.linalg.norm(u, axis=1)
-        fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
-        u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
-        o = np.where(fine[:, None], o, 0.0)
+        shape, o, u, fine = unit_rays(origin, direction, max_range)
         distance, surface = np.empty(len(o)), np.empty(len(o), dtype=np.int32)
         run_rows(
             cast_single, len(o), o, u, self.arrays, float(max_range), distance, surface, least=512
         )
         distance[~fine], surface[~fine] = np.nan, -1
         return distance.reshape(shape), surface.reshape(shape)
-
-    def cast_scans(
-        self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
-        rays: SpaceRays,
-        max_range: float,
-        *,
-        incidence: bool = True,
-    ) -> Scans:
-        """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
-        return cast_packets(
-            self.arrays, self.plan, x, y, theta, rays, max_range, incidence=incidence
-        )
 
     def rays(
         self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
