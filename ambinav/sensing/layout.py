@@ -19,22 +19,22 @@ from ambinav.sensing.mounting import (
     Mount,
     as_elevation,
     as_mount,
-    as_tilt,
     as_turn,
     directed,
     divisor,
     fan_angles,
     plain_mount,
     plain_tilt,
+    set_pose,
     thinned_fan,
 )
 from ambinav.sensing.sensor import RangeSensor
-from ambinav.sensing.space_layout import Camera, Layers
+from ambinav.sensing.space_layout import AtPoint, Camera, Layers
 from ambinav.sensing.tilting_layout import Tilting
 
 
 @dataclass(frozen=True)
-class Planar:
+class Planar(AtPoint):
     """Planar scanner: beams from one point, spread evenly.
 
     Over a full circle beam k of B looks to yaw - pi + 2 pi k / B; over less, the beams run from
@@ -59,22 +59,8 @@ class Planar:
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "beams", as_count(self.beams, "beams"))
-        object.__setattr__(self, "mount", as_mount(self.mount))
-        for name, value in zip(
-            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
-        ):
-            object.__setattr__(self, name, value)
+        set_pose(self)
         object.__setattr__(self, "aperture", as_turn(self.aperture))
-
-    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Planar:
-        """Return the same fan, shifted along x, y and z, metres."""
-        x, y, yaw = self.mount
-        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
-
-    @property
-    def full_circle(self) -> bool:
-        """True if the beams go all around."""
-        return self.aperture > TURN - 1e-9
 
     @property
     def level(self) -> bool:

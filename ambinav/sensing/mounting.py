@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +58,16 @@ def as_turn(value: object) -> float:
     return aperture
 
 
-def as_tilt(z: object, pitch: object, roll: object) -> tuple[float, float, float]:
-    """Return checked height, pitch and roll of a sensor; raises `InputError`."""
-    return as_number(z, "z"), as_elevation(pitch, "pitch"), as_number(roll, "roll")
+def set_pose(layout: Any) -> None:
+    """Convert mount, z, pitch and roll of a frozen layout to their types; raises `InputError`."""
+    pose = {
+        "mount": as_mount(layout.mount),
+        "z": as_number(layout.z, "z"),
+        "pitch": as_elevation(layout.pitch, "pitch"),
+        "roll": as_number(layout.roll, "roll"),
+    }
+    for name, value in pose.items():
+        object.__setattr__(layout, name, value)
 
 
 def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,34 @@ from ambinav.sensing.mounting import (
     TURN,
     Mount,
     as_elevation,
-    as_mount,
-    as_tilt,
     as_turn,
     directed,
     fan_angles,
     plain_mount,
     plain_tilt,
+    set_pose,
     thinned_fan,
 )
 
 Floats = NDArray[np.float64]
+
+
+class AtPoint:
+    """Base class of layouts whose beams start at one point, `mount` and `z`."""
+
+    mount: Mount
+    z: float
+    aperture: float
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Self:
+        """Return the same layout, shifted along x, y and z, metres."""
+        x, y, yaw = self.mount
+        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)  # type: ignore[type-var]
+
+    @property
+    def full_circle(self) -> bool:
+        """True if the beams of a row go all around."""
+        return self.aperture > TURN - 1e-9
 
 
 class InSpace(ABC):
@@ -54,7 +72,7 @@ class InSpace(ABC):
 
 
 @dataclass(frozen=True)
-class Layers(InSpace):
+class Layers(AtPoint, InSpace):
     """3D laser: columns of beams, spread evenly as the beams of `Planar` are.
 
     Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
@@ -94,16 +112,7 @@ class Layers(InSpace):
                 "of them where layers are staggered."
             )
         object.__setattr__(self, "elevation", given)
-        object.__setattr__(self, "mount", as_mount(self.mount))
-        for name, value in zip(
-            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
-        ):
-            object.__setattr__(self, name, value)
-
-    @property
-    def full_circle(self) -> bool:
-        """True if the columns go all around."""
-        return self.aperture > TURN - 1e-9
+        set_pose(self)
 
     @property
     def vertical_aperture(self) -> float:
@@ -124,11 +133,6 @@ class Layers(InSpace):
         """Return the times of the beams; all beams of a column are taken at once."""
         columns = np.arange(1 - self.columns, 1) / self.columns
         return columns if self.staggered else np.tile(columns, len(self.elevation))
-
-    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
-        """Return the same layout, shifted along x, y and z, metres."""
-        x, y, yaw = self.mount
-        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Layers:
         """Return at most `most` beams in a subset of layers, the lowest and highest included.
@@ -159,7 +163,7 @@ class Layers(InSpace):
 
 
 @dataclass(frozen=True)
-class Camera(InSpace):
+class Camera(AtPoint, InSpace):
     """Depth camera: a grid of pixels of a pinhole, edge to edge, row by row from above.
 
     Attributes:
@@ -193,11 +197,7 @@ class Camera(InSpace):
                     f"{name} is {math.degrees(angle):g} degrees; a camera sees less than 180."
                 )
             object.__setattr__(self, name, angle)
-        object.__setattr__(self, "mount", as_mount(self.mount))
-        for name, value in zip(
-            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
-        ):
-            object.__setattr__(self, name, value)
+        set_pose(self)
 
     @property
     def full_circle(self) -> bool:
@@ -220,11 +220,6 @@ class Camera(InSpace):
     def moments(self) -> Floats:
         """Return the times of the beams: all 0, as the picture is taken at once, at the end."""
         return np.zeros(self.columns * self.rows)
-
-    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
-        """Return the same layout, shifted along x, y and z, metres."""
-        x, y, yaw = self.mount
-        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Camera:
         """Return a camera of at most `most` pixels over the same field of view, evenly spread."""

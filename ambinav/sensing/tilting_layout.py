@@ -10,7 +10,6 @@ from ambinav.config import as_count, as_degrees, as_number
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
-    TURN,
     Mount,
     as_elevation,
     as_mount,
@@ -21,11 +20,11 @@ from ambinav.sensing.mounting import (
     plain_tilt,
     thinned_fan,
 )
-from ambinav.sensing.space_layout import Floats, InSpace, kept_rows
+from ambinav.sensing.space_layout import AtPoint, Floats, InSpace, kept_rows
 
 
 @dataclass(frozen=True)
-class Tilting(InSpace):
+class Tilting(AtPoint, InSpace):
     """Planar laser on a tilting unit: one panorama is a fan at each pitch, from one point.
 
     The robot stands still meanwhile. The beams are numbered fan after fan. The axis of the tilt
@@ -57,11 +56,6 @@ class Tilting(InSpace):
         object.__setattr__(self, "z", as_number(self.z, "z"))
 
     @property
-    def full_circle(self) -> bool:
-        """True if the beams of a fan go all around."""
-        return self.aperture > TURN - 1e-9
-
-    @property
     def vertical_aperture(self) -> float:
         """Angle from the lowest to the highest fan, radians."""
         return max(self.pitch) - min(self.pitch)
@@ -72,11 +66,6 @@ class Tilting(InSpace):
         fans = [directed(angle, flat, self.mount, self.z, pitch, 0.0) for pitch in self.pitch]
         across, up = zip(*fans, strict=True)
         return np.concatenate(across), np.concatenate(up)
-
-    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Tilting:
-        """Return the same layout, shifted along x, y and z, metres."""
-        x, y, yaw = self.mount
-        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Tilting:
         """Return at most `most` beams in a subset of fans, the lowest and highest included.
