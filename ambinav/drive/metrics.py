@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import Interval, bootstrap
 from ambinav.drive.drives import Drives
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field
@@ -129,16 +128,6 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
         length=drives.travelled()[ends],
         seconds=drives.seconds,
     )
-
-
-def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
-    """Return each figure's mean over the runs, or share of truth values, with its interval.
-
-    Args:
-        measured: The runs' figures.
-        rng: The source of randomness.
-    """
-    return {field.name: bootstrap(getattr(measured, field.name), rng) for field in fields(measured)}
 
 
 def first_lost(time: Floats, far: Bools, seconds: float = LOST_SECONDS) -> float:

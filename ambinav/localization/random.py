@@ -95,12 +95,6 @@ def normals(state):
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-@kernel
-def normal(state):
-    """Draw one standard normal number; two are cheaper from `normals`."""
-    return normals(state)[0]
-
-
 @kernel(forceinline=True)
 def ziggurat(state):
     """Draw one standard normal number, at a tenth of the cost of `normal`.

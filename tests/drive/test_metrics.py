@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ambinav.drive.drives import Drives
-from ambinav.drive.metrics import metrics, summary
+from ambinav.drive.metrics import metrics
 from ambinav.drive.world import COLLIDED, REACHED, TIMED_OUT
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -162,10 +162,3 @@ def test_what_comes_after_the_end_of_a_run_does_not_count() -> None:
     a, b = metrics(one, amap).row(0), metrics(padded, amap).row(0)
     assert a == pytest.approx(b, nan_ok=True)
     assert len(metrics(padded)) == 1
-
-
-def test_a_summary_has_every_figure_with_its_interval() -> None:
-    found = summary(metrics(made_up(bad_for(12, (0.6, 0.0, 0.0)))), np.random.default_rng(0))
-    assert found["lost"].value == 1.0 and found["lost"].count == 1
-    assert math.isnan(found["exposure"].value)
-    assert found["position_max"].high == pytest.approx(0.6)

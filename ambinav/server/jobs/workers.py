@@ -44,8 +44,6 @@ SAME: Final = 1e-6
 WARMING: Final = 0.02
 """Radius of the post, metres, that is put in and thrown away before the first edit of a map."""
 
-Floats = list[float]
-
 
 @dataclass(frozen=True)
 class PlanTask:

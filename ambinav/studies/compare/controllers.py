@@ -10,7 +10,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.drive import PATIENCE, SPARE, Controller, drive_route
 from ambinav.drive.world import OUTCOMES
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
 
 STEP = 0.1
 """Metres between the waypoints of the route that a policy drives."""
-
-Floats = NDArray[np.float64]
 
 
 class PolicyController(Controller, Protocol):

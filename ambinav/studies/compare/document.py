@@ -28,8 +28,6 @@ from ambinav.studies.compare.verdict_text import (
 )
 from ambinav.version import __version__
 
-FORMAT = "ambinav-compare/1"
-
 
 class IntervalPart(ConfigModel):
     """A figure with its 95 % interval; null where there is none, or where it is infinite."""

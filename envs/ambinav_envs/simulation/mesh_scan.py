@@ -18,8 +18,6 @@ from ambinav_envs.simulation.layout import SCANNER, Memory
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays, capture
 from ambinav_envs.simulation.space_scan import shade_in_space
 
-Floats = NDArray[np.float64]
-
 
 class MeshScan:
     """The scanner of robots in a mesh.
