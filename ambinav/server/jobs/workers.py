@@ -11,7 +11,6 @@ import signal
 import threading
 import time
 import traceback
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -25,8 +24,9 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
-from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import disk_is_full
+from ambinav.runtime.processes import begin_worker
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.jobs.route_forecasts import route_forecasts
 from ambinav.server.wire import read_dataset, write_dataset
@@ -183,24 +183,10 @@ class Worker:
 
 
 def _initialize(work: Callable[[Connection], None], line: Connection) -> None:
-    """Initialize a worker process and run its tasks; Ctrl-C is left to the server."""
-    import numba
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    warnings.simplefilter("ignore", InputWarning)
-    numba.set_num_threads(1)
-    threading.Thread(target=_end_with_server, daemon=True).start()
+    """Initialize a worker process and run its tasks."""
+    begin_worker()
     with contextlib.suppress(EOFError, BrokenPipeError):
         work(line)
-
-
-def _end_with_server() -> None:
-    """End this process when the server is killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def plans(line: Connection) -> None:
