@@ -10,20 +10,16 @@ the floor and all the rest are there.
 
 from __future__ import annotations
 
-import contextlib
 import shutil
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
-from bench_serve import make_map
 from harness import arguments, environment_path, report, table
 from numpy.typing import NDArray
+from service import make_map, serving, wait_until_ready
 
 import ambinav as an
 
@@ -44,23 +40,6 @@ OPENED = """() => {
   const paint = performance.getEntriesByName("first-contentful-paint")[0];
   return paint ? paint.startTime : performance.now();
 }"""
-
-
-@contextlib.contextmanager
-def served(path: Path) -> Iterator[str]:
-    """Serve a map by the command; yields the address once it is ready."""
-    command = [sys.executable, "-m", "ambinav.cli", "serve", str(path), "--port", "0"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert server.stdout is not None
-        url = server.stdout.readline().split()[0].rstrip("/")
-        with httpx.Client(base_url=url, timeout=120.0) as http:
-            while http.get("/v1/ready").status_code != 200:
-                pass
-        yield url
-    finally:
-        server.terminate()
-        server.wait()
 
 
 class Page:
@@ -160,7 +139,8 @@ def main() -> None:
             file = make_map(Path(folder) / f"{name}.zarr", environment_path(name), SPACING)
             amap = an.AmbiguityMap.open(file)
             area = float(amap.judged.counted.sum()) * amap.spacing**2
-            with served(file) as url:
+            with serving(file) as (url, _):
+                wait_until_ready(url)
                 first, page = (Page(browser, url) for _ in range(2))
                 found = edits(page, amap, args.edits, args.seed)
             about = (name, f"{area:.0f}", f"{amap.judged.counted.size:,}")

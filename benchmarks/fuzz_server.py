@@ -119,7 +119,7 @@ def _ask(
 
 def main() -> None:
     """Fuzz a server of a small map, and write the report."""
-    from bench_serve import serving_app
+    from service import serving_app
 
     args = arguments(__doc__, cases=100_000, seed=0)
     environment = an.environment_from_shapes([shapely.box(0, 0, 6, 3)], name="room")

@@ -10,25 +10,28 @@ audit; results that were seen must be the same. At the end all jobs must have en
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
-from bench_serve import make_map, poses
-from harness import arguments, environment_path, option, report
+from harness import arguments, report
+from service import (
+    MAP,
+    MAPS_OPTION,
+    hall_map,
+    poses,
+    post_at,
+    serving,
+    start_and_goal,
+    start_audit,
+    wait_until_ready,
+)
 
 import ambinav as an
 
-PLAN = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,3],[0,3],[0,0]]]}'
-MAP = "/v1/maps/hall"
 SESSION = f"{MAP}/sessions/kills"
 ENDED = ("done", "failed")
 READY = 0.75
@@ -60,12 +63,7 @@ class Confirmed:
         """Post an edit of the session."""
         with self._lock:
             x, y = poses(self.amap, 1, self.rng)
-        feature = {
-            "type": "Feature",
-            "properties": {"kind": "post", "radius": 0.05},
-            "geometry": {"type": "Point", "coordinates": [float(x[0]), float(y[0])]},
-        }
-        body = {"type": "FeatureCollection", "features": [feature]}
+        body = post_at([float(x[0]), float(y[0])])
         answer = http.post(f"{MAP}/edits", params={"session": "kills"}, json=body)
         if answer.status_code == 200:
             with self._lock:
@@ -75,15 +73,12 @@ class Confirmed:
     def plan(self, http: httpx.Client) -> None:
         """Start a plan."""
         with self._lock:
-            x, y = (part.tolist() for part in poses(self.amap, 2, self.rng))
-        ends = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.5}
-        self._job(http.post(f"{MAP}/plans", json=ends), "plans")
+            ends = start_and_goal(self.amap, self.rng)
+        self._job(http.post(f"{MAP}/plans", json=ends | {"time_s": 0.5}), "plans")
 
     def audit(self, http: httpx.Client) -> None:
         """Start an audit."""
-        files = [("files", ("room.geojson", PLAN))]
-        form = {"scanner": "sick-lms200", "spacing": "0.5"}
-        self._job(http.post("/v1/audits", files=files, data=form), "audits")
+        self._job(start_audit(http), "audits")
         time.sleep(1.0)
 
     def _job(self, answer: httpx.Response, kind: str) -> None:
@@ -119,34 +114,14 @@ class Confirmed:
         return left
 
 
-def wait_until_ready(url: str) -> None:
-    """Wait until a server is ready."""
-    with httpx.Client(base_url=url, timeout=60.0) as http:
-        while http.get("/v1/ready").status_code != 200:
-            time.sleep(0.1)
-
-
 def main() -> None:
     """Kill a server, and write the report."""
-    args = arguments(
-        __doc__,
-        maps=option(None, "folder in which maps are kept between runs", type=Path),
-        kills=200,
-        most=3.0,
-    )
+    args = arguments(__doc__, maps=MAPS_OPTION, kills=200, most=3.0)
     rng = np.random.default_rng(0)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = args.maps or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        path = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
+    with hall_map(args.maps) as (scratch, path):
         kept = Confirmed(an.AmbiguityMap.open(path), rng)
-        command = [sys.executable, "-m", "ambinav.cli", "serve", str(path), "--port", "0"]
-        command += ["--state", str(Path(scratch) / "state")]
         for number in range(args.kills + 1):
-            server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-            assert server.stdout is not None
-            url = server.stdout.readline().split()[0].rstrip("/")
-            try:
+            with serving(path, state=scratch / "state") as (url, server):
                 with httpx.Client(base_url=url, timeout=120.0) as http:
                     left = kept.check(http)
                     if number == args.kills:
@@ -164,14 +139,10 @@ def main() -> None:
                 if rng.random() < READY:  # else it is killed while it starts
                     wait_until_ready(url)
                 time.sleep(float(rng.uniform(0.1, args.most)))
-                server.send_signal(signal.SIGKILL)
+                server.kill()
                 end.set()
                 for thread in threads:
                     thread.join()
-            finally:
-                server.kill()
-                server.wait(60)
-                server.stdout.close()
             print(f"{number + 1} kills, {dict(kept.counts)}, wrong: {len(kept.wrong)}", flush=True)
         states = Counter(job["state"] for job in kept.jobs.values())
         cut = sum("The server ended" in str(job["detail"]) for job in kept.jobs.values())

@@ -18,7 +18,6 @@ import argparse
 import contextlib
 import os
 import socket
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -28,13 +27,12 @@ from pathlib import Path
 import httpx
 import numpy as np
 import psutil
-from bench_serve import make_map, poses, serving
-from harness import arguments, environment_path, option, report, table
+from harness import arguments, option, report, table
+from service import MAP, MAPS_OPTION, hall_map, poses, serving, start_and_goal, start_audit
 
 import ambinav as an
 
 OCTETS = {"content-type": "application/octet-stream"}
-PLAN = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,3],[0,3],[0,0]]]}'
 IDLE = 100
 
 
@@ -107,14 +105,12 @@ class Load:
 
     def plan(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a route; there may be none."""
-        x, y = (part.tolist() for part in poses(self.amap, 2, rng))
-        what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.3}
+        what = start_and_goal(self.amap, rng) | {"time_s": 0.3}
         return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503, *self.full)
 
     def give_up(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a plan and close the connection."""
-        x, y = (part.tolist() for part in poses(self.amap, 2, rng))
-        what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 20, "planner": "rrtstar"}
+        what = start_and_goal(self.amap, rng) | {"time_s": 20, "planner": "rrtstar"}
         try:
             answer = http.post(f"{MAP}/plan", json=what, timeout=float(rng.uniform(0.1, 2)))
         except httpx.TimeoutException:
@@ -123,11 +119,7 @@ class Load:
 
     def audit(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Upload a file for an audit; cancel it at random, or follow it to its end."""
-        answer = http.post(
-            "/v1/audits",
-            files=[("files", ("room.geojson", PLAN))],
-            data={"scanner": "sick-lms200", "spacing": "0.5"},
-        )
+        answer = start_audit(http)
         if answer.status_code != 202:
             return expected(answer, 503, *self.full)
         place = answer.headers["location"]
@@ -174,7 +166,6 @@ SHARES = {
     "give_up": 0.3, "audit": 0.1, "wrong": 3,
 }  # fmt: skip
 """Relative frequency of each request."""
-MAP = "/v1/maps/hall"
 FULL = 507
 """Status of what cannot be kept."""
 FULL_SECONDS = 3.0
@@ -203,20 +194,17 @@ def main() -> None:
     """Load a server, and write the report."""
     args = arguments(
         __doc__,
-        maps=option(None, "folder in which maps are kept between runs", type=Path),
+        maps=MAPS_OPTION,
         minutes=30.0,
         threads=6,
         faults=0.0,
         disk=option(None, "small file system for the files of the service", type=Path),
     )
-    with tempfile.TemporaryDirectory() as scratch:
+    with hall_map(args.maps) as (scratch, path):
         # The server's: nobody tidies it up meanwhile.
         os.environ["TMPDIR"] = str(args.disk or scratch)
-        folder = args.maps or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        path = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
         amap = an.AmbiguityMap.open(path)
-        log = Path(scratch) / "server.log"
+        log = scratch / "server.log"
         state = None if args.disk is None else args.disk / "state"
         with serving(path, log=log, state=state) as (url, server):
             process = psutil.Process(server.pid)
