@@ -12,11 +12,16 @@ from pydantic import Field
 from ambinav.reports.fields import Part, rounded
 from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
 from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
+from ambinav.studies.design.place.candidates import PlaceRules
 from ambinav.studies.design.place.greedy import NOTHING
-from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
+from ambinav.studies.design.place.placed_part import (
+    BuildingDocument,
+    PlacedPart,
+    head_of,
+    placed_geojson,
+)
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
-from ambinav.version import __version__
 
 FORMAT: Final = "ambinav-design-place/1"
 
@@ -105,16 +110,10 @@ class AgedPart(Part):
     gain_low: Rounded = Field(description="its 10th percentile")
 
 
-class Document(Part):
+class Document(BuildingDocument):
     """The whole report."""
 
     format: str = FORMAT
-    ambinav_version: str
-    environment: str
-    source: str
-    sha256: str
-    scanner: str
-    robot_radius_m: float
     regions: tuple[str, ...]
     unit: str = Field(description="of bad floor: m2, or m of routes")
     summary: str
@@ -143,12 +142,7 @@ def document(study: Remedy, asked: int) -> Document:
     obstacles = obstacle_parts(study)
     gains = study.violations
     return Document(
-        ambinav_version=__version__,
-        environment=study.environment.name,
-        source=str(study.environment.source or ""),
-        sha256=study.environment.checksum,
-        scanner=study.scanner.name,
-        robot_radius_m=study.reach.radius,
+        **head_of(study.environment, study.scanner, study.reach),
         regions=tuple(region.title for region in study.regions),
         unit=study.unit,
         summary=_summary(study),
@@ -157,13 +151,7 @@ def document(study: Remedy, asked: int) -> Document:
         asked=asked,
         obstacles=obstacles,
         improved=tuple(map(ImprovedPart.of, _improved(study))),
-        rules=RulesPart.of(
-            rules,
-            radius_m=rules.radius if rules.kind == "post" else None,
-            width_m=None if rules.kind == "post" else rules.width,
-            free_standing=rules.free_standing and rules.kind != "tag",
-            candidates=len(study.trials.candidates),
-        ),
+        rules=rules_part(rules, len(study.trials.candidates)),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
@@ -186,6 +174,17 @@ def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
     shapes = [region.shape for region in study.regions if region.shape is not None]
     within = shapely.union_all(shapes) if shapes else None
     return most_improved(study.amap, study.after, study.parts, within)
+
+
+def rules_part(rules: PlaceRules, candidates: int) -> RulesPart:
+    """Return the rules for obstacles of a kind, with the number of places that were tried."""
+    return RulesPart.of(
+        rules,
+        radius_m=rules.radius if rules.kind == "post" else None,
+        width_m=None if rules.kind == "post" else rules.width,
+        free_standing=rules.free_standing and rules.kind != "tag",
+        candidates=candidates,
+    )
 
 
 def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:

@@ -1,4 +1,4 @@
-"""Placed obstacles in documents: kind and position of each, and all of them as GeoJSON."""
+"""What documents on obstacles and reflectors share: head, kind and position of each, GeoJSON."""
 
 from __future__ import annotations
 
@@ -8,8 +8,35 @@ from typing import Any
 from pydantic import Field
 
 from ambinav.buildings.obstacle_file import collection
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
 from ambinav.reports.fields import Metres, Part
+from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate
+from ambinav.version import __version__
+
+
+class BuildingDocument(Part):
+    """A report on changes of a building, with its head."""
+
+    format: str
+    ambinav_version: str = __version__
+    environment: str
+    source: str
+    sha256: str
+    scanner: str
+    robot_radius_m: float
+
+
+def head_of(environment: Environment, scanner: RangeScanner, reach: Reach) -> dict[str, Any]:
+    """Return the fields of a `BuildingDocument` on what was judged."""
+    return {
+        "environment": environment.name,
+        "source": str(environment.source or ""),
+        "sha256": environment.checksum,
+        "scanner": scanner.name,
+        "robot_radius_m": reach.radius,
+    }
 
 
 class PlacedPart(Part):

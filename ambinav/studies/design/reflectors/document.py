@@ -10,9 +10,13 @@ from pydantic import Field
 
 from ambinav.reports.fields import Part, rounded
 from ambinav.studies.design.improved import ImprovedPart, largest_places
-from ambinav.studies.design.place.placed_part import PlacedPart, placed_geojson
+from ambinav.studies.design.place.placed_part import (
+    BuildingDocument,
+    PlacedPart,
+    head_of,
+    placed_geojson,
+)
 from ambinav.studies.design.reflectors.study import GOOD, Coverage, ReflectorLayout
-from ambinav.version import __version__
 
 FORMAT: Final = "ambinav-design-reflectors/1"
 
@@ -47,16 +51,10 @@ class NeedsPart(Part):
     max_std_m: float
 
 
-class Document(Part):
+class Document(BuildingDocument):
     """The whole report."""
 
     format: str = FORMAT
-    ambinav_version: str
-    environment: str
-    source: str
-    sha256: str
-    scanner: str
-    robot_radius_m: float
     summary: str
     floor_m2: Area = Field(description="all floor that counts")
     present: int = Field(description="reflectors that the building has")
@@ -77,16 +75,10 @@ class Document(Part):
 
 def document(layout: ReflectorLayout, asked: int) -> Document:
     """Collect the figures of the report."""
-    rules = layout.rules
     before, after = layout.maps
     won = layout.parts.counted & (before != GOOD) & (after == GOOD)
     return Document(
-        ambinav_version=__version__,
-        environment=layout.environment.name,
-        source=str(layout.environment.source or ""),
-        sha256=layout.environment.checksum,
-        scanner=layout.scanner.name,
-        robot_radius_m=layout.reach.radius,
+        **head_of(layout.environment, layout.scanner, layout.reach),
         summary=_summary(layout),
         floor_m2=layout.before.floor,
         present=layout.present,
@@ -99,13 +91,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
             for number, step in enumerate(layout.steps, start=1)
         ),
         improved=tuple(map(ImprovedPart.of, largest_places(layout.amap, won, layout.parts))),
-        needs=NeedsPart(
-            needed=rules.needed,
-            max_range_m=rules.max_range,
-            max_incidence_deg=rules.max_incidence,
-            tolerance_m=rules.tolerance,
-            max_std_m=rules.max_std,
-        ),
+        needs=NeedsPart.of(layout.rules, max_incidence_deg=layout.rules.max_incidence),
         remarks=tuple(_remarks(layout, asked)),
         parameters=json.loads(layout.amap.dataset.attrs["parameters"]),
         geojson=placed_geojson(
@@ -115,10 +101,8 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
 
 
 def _coverage(coverage: Coverage) -> CoveragePart:
-    return CoveragePart(
-        enough_m2=coverage.enough,
-        unique_m2=coverage.unique,
-        good_m2=coverage.good,
+    return CoveragePart.of(
+        coverage,
         good_share=coverage.good / coverage.floor,
         std_m=None if math.isnan(coverage.std) else coverage.std,
     )

@@ -11,14 +11,13 @@ from pydantic import Field
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.improved import ImprovedPart, most_improved
-from ambinav.studies.design.place.document import Rounded, RulesPart
-from ambinav.studies.design.place.placed_part import placed_geojson
+from ambinav.studies.design.place.document import Rounded, RulesPart, rules_part
+from ambinav.studies.design.place.placed_part import BuildingDocument, head_of, placed_geojson
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
 from ambinav.studies.design.requirement.study import Solution
 from ambinav.studies.design.scanners.fronts import Front
-from ambinav.version import __version__
 
 FORMAT: Final = "ambinav-design-for/1"
 
@@ -73,16 +72,10 @@ class OptionPart(Part):
     candidates: int = Field(description="places for obstacles that were tried with it")
 
 
-class Document(Part):
+class Document(BuildingDocument):
     """The whole report."""
 
     format: str = FORMAT
-    ambinav_version: str
-    environment: str
-    source: str
-    sha256: str
-    scanner: str
-    robot_radius_m: float
     requirement: str | None
     budget: float | None
     summary: str
@@ -108,14 +101,9 @@ class Document(Part):
 
 def document(solution: Solution) -> Document:
     """Collect the figures of the report."""
-    environment, terms = solution.environment, solution.terms
+    terms, hardware = solution.terms, solution.before.state.hardware
     return Document(
-        ambinav_version=__version__,
-        environment=environment.name,
-        source=str(environment.source or ""),
-        sha256=environment.checksum,
-        scanner=solution.scanner.name,
-        robot_radius_m=terms.reach.radius,
+        **head_of(solution.environment, solution.scanner, terms.reach),
         requirement=None if solution.requirement is None else str(solution.requirement),
         budget=solution.budget,
         summary=_summary(solution),
@@ -130,28 +118,20 @@ def document(solution: Solution) -> Document:
         ),
         curve=_curve(solution),
         options=tuple(
-            OptionPart(
+            OptionPart.of(
+                each,
                 change=each.hardware.change,
                 title=each.hardware.title or f"Keep {each.hardware.scanner.name}",
                 scanner=each.hardware.scanner.name,
                 cost=each.hardware.cost,
                 bad_area_m2=each.bad,
-                reason=each.reason,
-                candidates=each.candidates,
             )
             for each in solution.tried
         ),
         prices={str(kind): price for kind, price in terms.prices.items()},
         rules=tuple(
-            RulesPart.of(
-                rules,
-                radius_m=rules.radius if kind == "post" else None,
-                width_m=None if kind == "post" else rules.width,
-                free_standing=rules.free_standing and kind != "tag",
-                candidates=rules.most,
-            )
-            for kind in terms.most
-            for rules in (terms.rules(kind, solution.before.state.hardware),)
+            rules_part(rules, rules.most)
+            for rules in (terms.rules(kind, hardware) for kind in terms.most)
         ),
         states=len(solution.states),
         maps=solution.maps,
