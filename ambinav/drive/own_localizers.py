@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.drive.localizer_spec import LocalizerContext, LocalizerSpec, Motion
@@ -12,7 +10,6 @@ from ambinav.drive.localizers import DeadReckoning, Localizer
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, MclParameters
 from ambinav.localization.scanner_settings import settings_for, unsuited
-from ambinav.sensing.scanner import RangeScanner
 
 
 @dataclass(frozen=True)
@@ -94,14 +91,6 @@ def _model(parameters: MclParameters) -> str:
     return f"{model}{power}"
 
 
-def _mcl_settings(scanner: RangeScanner, given: Mapping[str, Any]) -> dict[str, Any]:
-    return settings_for(scanner, given.get("laser_model_type"))
-
-
-def _mcl_note(parameters: MclParameters, scanner: RangeScanner) -> str | None:
-    return unsuited(parameters.laser_model_type, scanner)
-
-
 MCL = LocalizerSpec(
     name="mcl",
     title="Monte Carlo localization",
@@ -109,20 +98,12 @@ MCL = LocalizerSpec(
     parameters=MclParameters,
     detail=_model,
     defaults=_alphas_between_updates,
-    suited=_mcl_settings,
-    note=_mcl_note,
+    suited=lambda scanner, given: settings_for(scanner, given.get("laser_model_type")),
+    note=lambda parameters, scanner: unsuited(parameters.laser_model_type, scanner),
 )
 """Monte Carlo localization with what suits the scanner."""
 
-AMCL = LocalizerSpec(
-    name="amcl",
-    title="Monte Carlo localization",
-    make=monte_carlo,
-    parameters=MclParameters,
-    detail=_model,
-    defaults=_alphas_between_updates,
-    note=_mcl_note,
-)
+AMCL = replace(MCL, name="amcl", suited=LocalizerSpec.suited)
 """Monte Carlo localization with the defaults of AMCL, for any scanner."""
 
 EKF = LocalizerSpec(

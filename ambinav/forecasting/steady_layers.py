@@ -15,6 +15,7 @@ that is as large.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -137,14 +138,10 @@ EXPECTED_ERROR = Layer(
     prisms_alone=True,
 )
 
-LOST_RATE = Layer(
+LOST_RATE = replace(
+    EXPECTED_ERROR,
     name="lost_rate",
     title="robots lost per metre of such floor",
     unit="1/m",
-    source="own, from the forecast's filter: docs/forecast.md",
-    worse="high",
     compute=lost_rate,
-    slow=True,
-    in_space=True,
-    prisms_alone=True,
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -128,7 +129,6 @@ def write_geotiff(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 TITLE: Final = "expected covariance of x, y, heading per cell"
-USES: Final = frozenset({"heading"})
 
 NPZ: Final = Exporter(
     subject="map",
@@ -137,25 +137,23 @@ NPZ: Final = Exporter(
     reader="Python: evaluation of logged covariances",
     write=write_npz,
     suffixes=(".npz",),
-    uses=USES,
+    uses=frozenset({"heading"}),
 )
-RAW: Final = Exporter(
-    subject="map",
+RAW: Final = replace(
+    NPZ,
     format="covariance-raw",
     title=f"{TITLE}, YAML and float32",
     reader="C++ nodes: AMCL, beluga, MRPT, Cartographer and Autoware monitors",
     write=write_raw,
     suffixes=(".yaml", ".f32"),
-    uses=USES,
 )
-GEOTIFF: Final = Exporter(
-    subject="map",
+GEOTIFF: Final = replace(
+    NPZ,
     format="covariance-geotiff",
     title=f"{TITLE}, six bands",
     reader="QGIS, GDAL, grid_map",
     write=write_geotiff,
     suffixes=(".tif",),
-    uses=USES,
     needs=("tifffile",),
     extra="geotiff",
 )

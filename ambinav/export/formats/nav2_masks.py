@@ -7,7 +7,7 @@ grey of a pixel is the value of its cell, so that nothing is rounded twice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -212,7 +212,6 @@ def _keepout(name: str) -> FilterInfo:
 
 
 SUFFIXES: Final = (".yaml", ".pgm", "_params.yaml", "_launch.py")
-MARKING: Final = frozenset({"zones", "layer", "threshold", "heading", "package"})
 
 KEEPOUT: Final = Exporter(
     subject="map",
@@ -221,32 +220,28 @@ KEEPOUT: Final = Exporter(
     reader="Nav2, KeepoutFilter (type 0)",
     write=write_keepout,
     suffixes=SUFFIXES,
-    uses=MARKING,
+    uses=frozenset({"zones", "layer", "threshold", "heading", "package"}),
 )
-PREFERENCE: Final = Exporter(
-    subject="map",
+PREFERENCE: Final = replace(
+    KEEPOUT,
     format="nav2-preference",
     title="a graded mask: ambiguous floor costs more, none is forbidden",
     reader="Nav2, KeepoutFilter (type 0) as for preferred lanes",
     write=write_preference,
-    suffixes=SUFFIXES,
     uses=frozenset({"layer", "heading", "package"}),
 )
-SPEED: Final = Exporter(
-    subject="map",
+SPEED: Final = replace(
+    KEEPOUT,
     format="nav2-speed",
     title="a mask of speed limits, lower where the floor is more ambiguous",
     reader="Nav2, SpeedFilter (type 1, percent; with --max-speed type 2, m/s)",
     write=write_speed,
-    suffixes=SUFFIXES,
     uses=frozenset({"layer", "slowest", "max_speed", "heading", "package"}),
 )
-BINARY: Final = Exporter(
-    subject="map",
+BINARY: Final = replace(
+    KEEPOUT,
     format="nav2-binary",
     title="a mask that switches a topic in zones, or above a threshold",
     reader="Nav2, BinaryFilter (type 3)",
     write=write_binary,
-    suffixes=SUFFIXES,
-    uses=MARKING,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -74,12 +75,11 @@ PATH_YAML: Final = Exporter(
     suffixes=(".yaml",),
     uses=frozenset({"routes", "step"}),
 )
-PATH_JSON: Final = Exporter(
-    subject="map",
+PATH_JSON: Final = replace(
+    PATH_YAML,
     format="nav2-path-json",
     title="a route as a dense nav_msgs/Path with headings, JSON",
     reader="rosbridge, scripts",
     write=write_json,
     suffixes=(".json",),
-    uses=frozenset({"routes", "step"}),
 )
