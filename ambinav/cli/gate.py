@@ -35,10 +35,8 @@ def _fleet_diff_quantities() -> Quantities:
     return QUANTITIES
 
 
-def _list_callback(
-    quantities: Callable[[], Quantities],
-) -> Callable[[list[str] | None], list[str] | None]:
-    """Return a callback that, for `--fail-if list`, prints the figures and exits."""
+def _fail_if(text: str, quantities: Callable[[], Quantities]) -> Any:
+    """Return the option --fail-if with its help, and with `list` a table of all figures."""
 
     def listed(given: list[str] | None) -> list[str] | None:
         if not given or "list" not in given:
@@ -50,17 +48,12 @@ def _list_callback(
                 typer.echo(f"{quantity.name:{width}}  {quantity.unit:2}  {quantity.meaning}")
         raise typer.Exit
 
-    return listed
-
-
-def _fail_if(text: str, quantities: Callable[[], Quantities]) -> Any:
-    """Return the option --fail-if with its help, to which the names of all figures are added."""
     return typer.Option(
         "--fail-if",
         metavar="CONDITION",
         help=f'{text}; repeatable. "list" names all figures.',
         show_default="none",
-        callback=_list_callback(quantities),
+        callback=listed,
         is_eager=True,
     )
 
