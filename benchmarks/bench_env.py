@@ -42,14 +42,22 @@ def towards(seen: dict[str, Floats]) -> Floats:
 
 
 class Driving:
-    """A batch of driving robots; each call makes some steps."""
+    """Driving robots, a batch or the one of a single environment; each call makes some steps."""
 
     def __init__(
-        self, count: int, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
+        self,
+        count: int | None,
+        steps: int,
+        options: dict[str, Any],
+        clock: Clock = time.perf_counter,
     ) -> None:
-        self.envs = NavigationVectorEnv(count, waypoint=True, waypoint_distance=0.5, **options)
-        _visit(self.envs, options)
-        self.seen, _ = self.envs.reset(seed=0)
+        chosen = {"waypoint": True, "waypoint_distance": 0.5, **options}
+        self.env: NavigationEnv | NavigationVectorEnv = (
+            NavigationEnv(**chosen) if count is None else NavigationVectorEnv(count, **chosen)
+        )
+        self.count, self.is_alone = count or 1, count is None
+        _visit(self.env, options)
+        self.seen, _ = self.env.reset(seed=0)
         self.steps, self.ended, self.taken, self.seconds = steps, 0, 0, 0.0
         self.clock = clock
 
@@ -58,35 +66,13 @@ class Driving:
         for _ in range(self.steps):
             actions = towards(self.seen)
             begin = self.clock()
-            self.seen, _, terminated, truncated, _ = self.envs.step(actions)
-            self.seconds += self.clock() - begin
-            self.ended += int((terminated | truncated).sum())
-            self.taken += self.envs.num_envs
-
-
-class Alone:
-    """The single environment, likewise."""
-
-    def __init__(
-        self, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
-    ) -> None:
-        self.env = NavigationEnv(waypoint=True, waypoint_distance=0.5, **options)
-        _visit(self.env, options)
-        self.seen, _ = self.env.reset(seed=0)
-        self.steps, self.ended, self.taken, self.seconds = steps, 0, 0, 0.0
-        self.clock = clock
-
-    def __call__(self) -> None:
-        """Make the steps."""
-        for _ in range(self.steps):
-            action = towards(self.seen)
-            begin = self.clock()
-            self.seen, _, terminated, truncated, _ = self.env.step(action)
-            if terminated or truncated:
+            self.seen, _, terminated, truncated, _ = self.env.step(actions)
+            ended = int(np.sum(terminated | truncated))
+            if self.is_alone and ended:
                 self.seen, _ = self.env.reset()
-                self.ended += 1
             self.seconds += self.clock() - begin
-            self.taken += 1
+            self.ended += ended
+            self.taken += self.count
 
 
 def _visit(env: NavigationEnv | NavigationVectorEnv, options: dict[str, Any]) -> None:
@@ -95,7 +81,7 @@ def _visit(env: NavigationEnv | NavigationVectorEnv, options: dict[str, Any]) ->
         env.reset(seed=0, options={"building": number})
 
 
-def rates(drivers: dict[str, Driving | Alone], repeats: int) -> dict[str, tuple[str, str]]:
+def rates(drivers: dict[str, Driving], repeats: int) -> dict[str, tuple[str, str]]:
     """Return steps per second, median and extremes over the rounds, and steps per episode."""
     for run in drivers.values():
         run()
@@ -118,7 +104,7 @@ def rows_of_rates(options: dict[str, Any], steps: int, repeats: int) -> list[tup
     before = numba.get_num_threads()
     for window in (False, True):
         chosen = options | {"window": window}
-        drivers: dict[str, Driving | Alone] = {"1": Alone(4 * steps, chosen)}
+        drivers: dict[str, Driving] = {"1": Driving(None, 4 * steps, chosen)}
         drivers |= {str(n): Driving(n, max(steps * 64 // n, 4), chosen) for n in SIZES}
         for threads in sorted({1, before}):
             numba.set_num_threads(threads)
@@ -189,8 +175,8 @@ def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> lis
     rows = []
     for name, case in cases.items():
         chosen = options | {"window": False, "localizer": "mcl"} | case
-        run: dict[str, Driving | Alone] = {
-            "1": Alone(4 * steps, chosen, time.process_time),
+        run: dict[str, Driving] = {
+            "1": Driving(None, 4 * steps, chosen, time.process_time),
             "64": Driving(64, steps, chosen, time.process_time),
         }
         rates_by_count = rates(run, repeats)
