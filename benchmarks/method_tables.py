@@ -26,7 +26,7 @@ def titles(keys: Sequence[str], row: Row) -> list[str]:
     return [f"{row[key].figure.title} {row[key].figure.unit}".strip() for key in keys]
 
 
-def figures_table(rows: Sequence[Row], shown: Sequence[str] = SHOWN) -> str:
+def figures_table(rows: Sequence[Row]) -> str:
     """Return the table of some figures of each method, with intervals."""
-    lines = [(row.method, *(value_text(row[key]) for key in shown)) for row in rows]
-    return table(("", *titles(shown, rows[0])), lines)
+    lines = [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows]
+    return table(("", *titles(SHOWN, rows[0])), lines)

@@ -111,9 +111,9 @@ def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:
     return SpaceRays.layers(LAYERS, azimuth, height)
 
 
-def mid360(height: float = 0.5) -> SpaceRays:
-    """Return the sampled rays of a level Mid-360."""
+def mid360() -> SpaceRays:
+    """Return the sampled rays of a level Mid-360, half a metre above the floor."""
     rays = RangeScanner.from_preset("livox-mid-360").rays(in_space=True)
     origin = np.zeros((len(rays.angle), 3))
-    origin[:, 2] = height
+    origin[:, 2] = 0.5
     return SpaceRays(origin, rays.angle, rays.elevation)

@@ -297,16 +297,14 @@ class _Rings:
         return len(moved) > 0 or len(added) > 0
 
 
-def without_short_frontiers(
-    kind: NDArray[np.uint8], shortest: int = SHORTEST_FRONTIER_CELLS
-) -> NDArray[np.uint8]:
-    """Turn runs of fewer than `shortest` frontier points of a ring into walls."""
+def without_short_frontiers(kind: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Turn runs of fewer than `SHORTEST_FRONTIER_CELLS` frontier points of a ring into walls."""
     change = np.flatnonzero(kind != np.roll(kind, 1))
     if len(change) == 0:
         return kind
     length = np.diff(np.append(change, change[0] + len(kind)))
     kind = kind.copy()
     for first, count in zip(change, length, strict=True):
-        if kind[first] == FRONTIER and count < shortest:
+        if kind[first] == FRONTIER and count < SHORTEST_FRONTIER_CELLS:
             kind[np.arange(first, first + count) % len(kind)] = WALL
     return kind

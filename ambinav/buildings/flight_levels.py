@@ -30,7 +30,6 @@ def flight_levels(
     radius: float,
     *,
     drop: float = 0.0,
-    cell: float = CELL,
 ) -> list[Environment]:
     """Make the free space of a robot that hovers, at each of several heights of a building.
 
@@ -46,7 +45,6 @@ def flight_levels(
         radius: Radius of the sphere that covers the robot, metres.
         drop: How far below the height the floor of its environment is: there the mount of a
             scanner counts from, metres.
-        cell: Edge of a cell, metres.
 
     Returns:
         An environment a height.
@@ -70,15 +68,15 @@ def flight_levels(
                 f"floor is at z = {env.floor:g} m{lid}; give other heights."
             )
     bounds = np.array(env.bounds)
-    corner = bounds[:2] - _MARGIN * cell
-    columns, rows = (np.ceil((bounds[2:] - bounds[:2]) / cell).astype(int) + 2 * _MARGIN).tolist()
+    corner = bounds[:2] - _MARGIN * CELL
+    columns, rows = (np.ceil((bounds[2:] - bounds[:2]) / CELL).astype(int) + 2 * _MARGIN).tolist()
     origin = float(corner[0]), float(corner[1])
     triangles = triangles_of(space)
 
     def clear(low: float, high: float) -> NDArray[np.bool_]:
-        return ~touched(triangles, low, high, origin, cell, (rows, columns))
+        return ~touched(triangles, low, high, origin, CELL, (rows, columns))
 
-    x, y = (corner[k] + (np.arange(n) + 0.5) * cell for k, n in enumerate((columns, rows)))
+    x, y = (corner[k] + (np.arange(n) + 0.5) * CELL for k, n in enumerate((columns, rows)))
     plan = env.triangulation.contains(*(part.ravel() for part in np.meshgrid(x, y)))
     # Rising to each height from the one below, and the height itself, in turn.
     layers = [plan.reshape(rows, columns) & clear(env.floor + STEP, heights[0] + radius)]
@@ -95,8 +93,8 @@ def flight_levels(
                 "other heights, or a smaller radius."
             )
         state = np.where(free, FREE, OCCUPIED).astype(np.uint8)
-        level = environment_from_grid(OccupancyGrid(state, cell, (*origin, 0.0)))
+        level = environment_from_grid(OccupancyGrid(state, CELL, (*origin, 0.0)))
         level.name, level.source = f"{env.name} at z = {z:g} m", env.source
-        level.checksum = digest_of(space.checksum, env.checksum, list(heights), z, radius, cell)
+        level.checksum = digest_of(space.checksum, env.checksum, list(heights), z, radius, CELL)
         made.append(level.in_space(space, z - drop))
     return made

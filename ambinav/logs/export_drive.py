@@ -139,14 +139,13 @@ TABLE: Final = Exporter(
 )
 
 
-def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "drive") -> Log:
+def drive_log(drives: Drives, run: int, scanner: RangeScanner) -> Log:
     """Return one run as a log: its readings, its odometry, and the truth as the log's poses.
 
     Args:
         drives: What was recorded, with the readings (`keep_ranges`).
         run: Which run.
         scanner: What the robot saw with; all beams start in one place and go counter-clockwise.
-        name: Name of the log.
 
     Raises:
         InputError: there is no such run, the readings were not kept or are not of this scanner,
@@ -177,7 +176,7 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "d
         # All around: beam k of B looks to -pi + 2 pi k / B, so straight ahead is beam B / 2.
         ahead = float(turn[0]) + math.pi
     return Log(
-        name=name,
+        name="drive",
         angles=turn - ahead,
         max_range=scanner.max_range,
         ranges=ranges,

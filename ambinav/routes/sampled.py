@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -165,7 +164,6 @@ def sample_routes(
     rng: np.random.Generator,
     *,
     step: float | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> tuple[Route, ...]:
     """Sample shortest routes between pairs of random points.
 
@@ -175,7 +173,6 @@ def sample_routes(
         count: How many routes.
         rng: Draws the places, each as likely as any other of explored floor that is reached.
         step: As in `PlaceGraph.of`.
-        progress: Called with the share done.
 
     Returns:
         Routes in "r2" whose figures nobody has measured (`ambinav.routes.evaluate`).
@@ -186,11 +183,9 @@ def sample_routes(
     count = as_count(count, "routes")
     graph = PlaceGraph.of(environment, reach, step)
     routes = []
-    for done in range(count):
+    for _ in range(count):
         start, goal = rng.choice(len(graph.points), 2, replace=False).tolist()
         routes.append(Route.through(graph.shortest(start, goal), planner=PLANNER))
-        if progress is not None:
-            progress((done + 1) / count)
     return tuple(routes)
 
 

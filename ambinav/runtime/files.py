@@ -31,14 +31,14 @@ def sha256(*paths: Path) -> str:
     return digest.hexdigest()
 
 
-def ends_with(path: Path, mark: bytes, within: int = 4096) -> bool:
+def ends_with(path: Path, mark: bytes) -> bool:
     """Return whether a file has its closing mark among its last bytes; without it, it was cut off.
 
     Raises:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        file.seek(max(file.seek(0, os.SEEK_END) - within, 0))
+        file.seek(max(file.seek(0, os.SEEK_END) - 4096, 0))
         return mark in file.read()
 
 

@@ -114,11 +114,11 @@ def _yaml_files(folder: Path) -> list[Path]:
         return []
 
 
-def _head(path: Path, size: int = 4096) -> str:
+def _head(path: Path) -> str:
     """Return the value of the key image in a map's YAML file, or nothing."""
     try:
         with path.open("rb") as file:
-            lines = file.read(size).decode("utf-8", "replace").splitlines()
+            lines = file.read(4096).decode("utf-8", "replace").splitlines()
     except OSError:
         return ""
     return "".join(line for line in lines if line.strip().startswith("image"))

@@ -27,9 +27,9 @@ def dense_poses(route: Route, step: float = STEP) -> Floats:
     return _dense(route, step)[0]
 
 
-def stamped_poses(route: Route, step: float = STEP) -> tuple[Floats, Floats]:
+def stamped_poses(route: Route) -> tuple[Floats, Floats]:
     """Return `dense_poses`, and the seconds from the start at each, (N,); zeros if not known."""
-    poses, along = _dense(route, step)
+    poses, along = _dense(route, STEP)
     return poses, stamps_along(route, along)
 
 

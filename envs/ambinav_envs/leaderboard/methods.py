@@ -203,7 +203,6 @@ def policy_method(
 def all_methods(
     planners: Sequence[str],
     policies: Sequence[str],
-    folder: Path | None = None,
     *,
     trust: bool = False,
     shipped: bool = True,
@@ -213,7 +212,6 @@ def all_methods(
     Args:
         planners: See `planner_methods`.
         policies: Values that `load_policy` takes, besides the baselines.
-        folder: Folder to which file names are relative.
         trust: Run policies that are code, see `load_policy`.
         shipped: Whether the reactive baselines take part.
 
@@ -229,7 +227,7 @@ def all_methods(
             for name in REACTIVE
             if shipped and name not in policies
         ),
-        *(policy_method(name, folder, trust=trust) for name in dict.fromkeys(policies)),
+        *(policy_method(name, trust=trust) for name in dict.fromkeys(policies)),
     ]  # fmt: skip
     names = [method.name for method in methods]
     for name in names:
