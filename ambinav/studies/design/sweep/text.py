@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
+from ambinav.ambiguity.model import PIECES_PER_TURN
 from ambinav.drive.bootstrap import Interval
 from ambinav.studies.design.sweep.figures import CRITERIA
 from ambinav.studies.design.sweep.sweep import DIGITS, SweepResult, is_open
@@ -18,6 +19,8 @@ _FEWEST = 3
 _LISTED = 3
 """Number of neighbouring values from which their range is given."""
 _ANY = "any"
+BEAMS = "beams"
+"""The variable whose fewer values need a reason."""
 
 
 def where_text(result: SweepResult) -> str:
@@ -205,7 +208,7 @@ class Words:
                 f"Of {count} settings of {where}{distinct_text} the best is {self.best}: {title} "
                 f"{self.best_value}."
             ]
-            text.append(self._next())
+            text += [self._next(), *self._fewer_beams()]
         text.append(self._present())
         if result.turning is not None and len(result.turning.yaws) > 1:
             text.append(self._turning(result.turning))
@@ -234,6 +237,36 @@ class Words:
                 f"{'this one' if result.as_good[1:] == (second,) else f'{open_} others'}."
             )
         return text
+
+    def _fewer_beams(self) -> list[str]:
+        """Return the reason, in a sentence, if the best setting has fewer beams than another."""
+        result = self.result
+        names = [variation.name for variation in result.variations]
+        if BEAMS not in names:
+            return []
+        column = names.index(BEAMS)
+        best = result.best.setting.values
+        more = [
+            i
+            for i in result.order[1:]
+            for values in (result.outcomes[i].setting.values,)
+            if values[column] > best[column]
+            and values[:column] + values[column + 1 :] == best[:column] + best[column + 1 :]
+            and not math.isnan(result.margin(i).value)
+        ]
+        if not more:
+            return []
+        name = setting_text(result, more[0])
+        if is_open(result.margin(more[0])):
+            return [
+                f"That more beams ({name}) do worse is not shown: prefer fewer for their price "
+                "alone."
+            ]
+        return [
+            f"More beams ({name}) do worse by {self.margin(more[0])}: however many there are, a "
+            f"scan counts as {PIECES_PER_TURN:g} independent ones a turn, so each of fewer beams "
+            "has more weight, and these meet more of what tells the position."
+        ]
 
     def _present(self) -> str:
         result = self.result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -67,6 +68,27 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
         assert found.order[0] in found.as_good
         assert ("do not distinguish" in words.summary) <= found.levels.places.is_sample
         assert words.summary.startswith("Of 9 settings of fan in scene")
+
+
+def test_fewer_beams_are_best_for_a_reason_that_is_given() -> None:
+    reasons = set[str]()
+    criteria: tuple[Criterion, ...] = "mean", "p95", "bad"
+    around = an.RangeScanner.planar(LASER, 60, math.tau, name="around")
+    vary = ["max_range=1,2", "beams=20,24,30,40,60"]
+    for seed, places, criterion in itertools.product(range(4), (0, 12), criteria):
+        env = scenes.scene(seed, size=4.0, blocks=3, thin=1)
+        found = sweep_scanner(env, around, vary, places=places, criterion=criterion, spacing=0.25)
+        reach, beams = found.best.setting.values
+        others = [
+            found.outcomes[i].setting.values
+            for i in found.order[1:]
+            if not math.isnan(found.margin(i).value)
+        ]
+        text = Words(found).summary
+        fewer = any(other[0] == reach and other[1] > beams for other in others)
+        assert ("ore beams (" in text) == fewer
+        reasons |= {part for part in ("is not shown: prefer", "has more weight") if part in text}
+    assert len(reasons) == 2
 
 
 def test_the_same_beams_are_named_once() -> None:
