@@ -86,12 +86,19 @@ def _imports(path: Path, name: str, modules: Mapping[str, Path]) -> Iterator[str
                 target = deeper if deeper in modules else source
                 if target in modules:
                     yield target
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        elif isinstance(node, ast.Call) and _called(node.func) == "import_module":
             yield from (
                 word.value
                 for word in node.args
                 if isinstance(word, ast.Constant) and word.value in modules
             )
+
+
+def _called(function: ast.expr) -> str:
+    """Return the last name of what is called; empty if it has none."""
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else ""
 
 
 def circles(graph: Graph) -> list[list[str]]:
