@@ -25,6 +25,11 @@ from ambinav.studies.design.place.submodularity import FEW, Violations
 
 FORMAT: Final = "ambinav-design-place/1"
 
+REFLECTORS_WEIGH: Final = (
+    "A reflector weighs as a wall of its width does, as for localizers that weigh beams. A robot "
+    "that detects reflectors and knows their places gains more: for it use `ambinav design "
+    "reflectors`."
+)
 SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]'."
 
 
@@ -272,6 +277,8 @@ def _remarks(study: Remedy, asked: int) -> list[str]:
         remarks.append(enough_text(study, asked))
     if study.rules.reflective and study.rules.kind != "tag":
         remarks.append("They reflect, and the scanner's intensity channel sees it.")
+    if study.rules.reflective:
+        remarks.append(REFLECTORS_WEIGH)
     gains = study.violations
     if gains is not None and gains.samples:
         if gains.grown:

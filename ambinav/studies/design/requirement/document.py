@@ -11,7 +11,7 @@ from pydantic import Field
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.improved import ImprovedPart, most_improved
-from ambinav.studies.design.place.document import Rounded, RulesPart, rules_part
+from ambinav.studies.design.place.document import REFLECTORS_WEIGH, Rounded, RulesPart, rules_part
 from ambinav.studies.design.place.placed_part import BuildingDocument, head_of, placed_geojson
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
@@ -245,6 +245,8 @@ def _remarks(solution: Solution) -> tuple[str, ...]:
         for each in solution.tried
         if each.bad is None and each.reason.endswith(".")
     ]
+    if any(step.obstacle and step.obstacle.obstacle.reflective for step in solution.steps):
+        remarks.append(REFLECTORS_WEIGH)
     if solution.steps:
         remarks.append("The search is greedy: what it found is not proven to be the best.")
     return tuple(remarks)
