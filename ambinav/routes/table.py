@@ -18,6 +18,9 @@ STAMP: Final = ("stamp",)
 COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 """Further columns of a route with predicted covariances: the upper triangle."""
 
+Line = tuple[int, list[str]]
+"""The number of a line, and its cells."""
+
 _REMARK: Final = (
     "## x, y, distance from the start: metres; theta: radians; cost: metres-equivalent from the "
     "start; level: the layer at the pose; stamp: seconds from the start"
@@ -49,17 +52,7 @@ def route_of_text(text: str, where: str) -> Route:
     Raises:
         InputError: something is missing or wrong; the message names the line.
     """
-    lines = list(enumerate(text.split("\n"), start=1))
-    saved: dict[str, Any] = {}
-    for number, line in lines:
-        if line.startswith("#") and not line.startswith("##"):
-            name, value = _figure(line, f"{where}: line {number}")
-            saved[name] = value
-    table = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
-    if not table:
-        raise InputError(f"{where}: there is no table of poses in it; save the route again.")
-    (first, head), *rows = table
-    names = _cells(head)
+    saved, (first, names), rows = parsed(text, where)
     columns = COLUMNS + STAMP if STAMP[0] in names else COLUMNS
     if names not in (list(columns), list(columns + COVARIANCE)):
         raise InputError(
@@ -67,18 +60,45 @@ def route_of_text(text: str, where: str) -> Route:
             f"a route has {', '.join(COLUMNS)}."
         )
     points = []
-    for number, line in rows:
-        cells = _cells(line)
-        if len(cells) != len(names):
-            raise InputError(
-                f"{where}: line {number}: it has {len(cells)} values and the table "
-                f"{len(names)} columns; correct the line."
-            )
+    for number, cells in rows:
         plain: dict[str, Any] = dict(zip(columns, cells, strict=False))
         if len(cells) > len(columns):
             plain["covariance"] = cells[len(columns) :]
         points.append(checked(Waypoint, plain, f"{where}: line {number}"))
     return route_of(checked(Figures, saved, where), points, where)
+
+
+def parsed(text: str, where: str) -> tuple[dict[str, Any], Line, list[Line]]:
+    """Return the figures of a table, the names of its columns, and its rows of as many cells.
+
+    Args:
+        text: The file.
+        where: Its name for messages.
+
+    Raises:
+        InputError: a figure cannot be read, there is no table, or a row has more or fewer cells.
+    """
+    lines = list(enumerate(text.split("\n"), start=1))
+    saved: dict[str, Any] = {}
+    for number, line in lines:
+        if line.startswith("#") and not line.startswith("##"):
+            name, value = _figure(line, f"{where}: line {number}")
+            saved[name] = value
+    table = [
+        (number, [cell.strip() for cell in line.split(",")])
+        for number, line in lines
+        if line.strip() and not line.startswith("#")
+    ]
+    if not table:
+        raise InputError(f"{where}: there is no table of poses in it; save the route again.")
+    head, *rows = table
+    for number, cells in rows:
+        if len(cells) != len(head[1]):
+            raise InputError(
+                f"{where}: line {number}: it has {len(cells)} values and the table "
+                f"{len(head[1])} columns; correct the line."
+            )
+    return saved, head, rows
 
 
 def _figure(line: str, where: str) -> tuple[str, Any]:
@@ -89,7 +109,3 @@ def _figure(line: str, where: str) -> tuple[str, Any]:
         raise InputError(
             f"{where}: {line.strip()!r} is no figure of a route; write it as '# name: value'."
         ) from error
-
-
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in line.split(",")]

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ambinav_planners.certificate import certify as certify
     from ambinav_planners.flight import FlightObjective as FlightObjective
     from ambinav_planners.flight import FlightPlanner as FlightPlanner
+    from ambinav_planners.flight_file import load_flight as load_flight
     from ambinav_planners.flight_route import FlightRoute as FlightRoute
     from ambinav_planners.fronts import pareto as pareto
     from ambinav_planners.goal import PoseGoal as PoseGoal

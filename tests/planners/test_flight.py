@@ -27,7 +27,7 @@ from ambinav import (
 )
 from ambinav.casting.solids import with_solids
 from ambinav.runtime.errors import InputError
-from ambinav_planners import FlightObjective, FlightPlanner
+from ambinav_planners import FlightObjective, FlightPlanner, FlightRoute, load_flight
 from ambinav_planners.planning import NotFoundError
 
 RADIUS = 0.2
@@ -178,3 +178,46 @@ def test_a_picture(robot: FlightPlanner, tmp_path: Path) -> None:
         assert picture.height > 500
     with pytest.raises(InputError, match=r"layer is 'zone'; give one of ambiguity, "):
         route.draw(tmp_path / "no.png", "zone")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_files_of_flights_are_read_again(
+    robot: FlightPlanner, volume: AmbiguityVolume, tmp_path: Path, suffix: str
+) -> None:
+    service = VolumeService(volume, weight=4.0)
+    points = np.array([START, (3.0, 2.5, 1.7), (5.0, 2.6, 1.6), GOAL])
+    route = FlightRoute(
+        points, service.route_cost(points), 9.0, ((0.1, 20.0), (0.2, 12.0)), service, RADIUS, 0.1,
+        "rrtstar", 3,
+    )  # fmt: skip
+    path = tmp_path / f"flight{suffix}"
+    route.save(path)
+    again = load_flight(path, service)
+    assert np.array_equal(again.points, points)
+    assert again.length == pytest.approx(sum(math.dist(*pair) for pair in pairwise(points)))
+    for name in ("cost", "curve", "radius", "half_height", "planner", "seed"):
+        assert getattr(again, name) == getattr(route, name), name
+    # By another weight it costs something else, and what the planner found is not of it.
+    plain = load_flight(path, VolumeService(volume, weight=0.0))
+    assert (plain.cost, plain.curve) == (pytest.approx(again.length), ())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("f.geojson", "{}", r"are read from \.csv or \.json"),
+        ("f.json", "[", r"f\.json: not valid JSON"),
+        ("f.json", '{"ambinav": {"poses": []}}', r"ambinav\.points is missing"),
+        ("f.csv", "# planner: 1\nx,y,z\n1,2,3\n", "line 2: the columns are x, y, z; "),
+        ("f.csv", "x,y,z,distance,cost,level\n1,2,3\n", "line 2: it has 3 values"),
+        ("f.csv", "x,y,z,distance,cost,level\n1,2,up,0,0,0\n", "line 2: z"),
+        ("f.csv", "x,y,z,distance,cost,level\n1,2,1,0,0,0\n", "it has 1 points; "),
+        ("f.csv", "x,y,z,distance,cost,level\n1,2,1,0,0,0\n1,2,1,0,0,0\n", "format"),
+    ],
+)
+def test_what_is_no_file_of_a_flight(
+    volume: AmbiguityVolume, tmp_path: Path, name: str, text: str, message: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_flight(tmp_path / name, VolumeService(volume))
