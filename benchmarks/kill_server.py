@@ -31,8 +31,12 @@ from service import (
 )
 
 import ambinav as an
+from ambinav.server.jobs.state import MOST_PLANS
+from ambinav.server.limits import Limits
 
 SESSION = f"{MAP}/sessions/kills"
+KEPT = {"plans": MOST_PLANS, "audits": Limits().kept_audits}
+"""Results that the server keeps."""
 ENDED = ("done", "failed")
 READY = 0.75
 """Share of the kills that wait until the server is ready."""
@@ -97,11 +101,16 @@ class Confirmed:
             self.wrong.append(f"{len(self.steps)} steps were confirmed, {len(known)} are known")
         self.steps = known
         left = 0
+        # Of more results than these the oldest are dropped.
+        newest = {
+            place
+            for kind, count in KEPT.items()
+            for place in [name for name in self.jobs if kind in name][-count:]
+        }
         for place, before in list(self.jobs.items()):
             answer = http.get(place)
             found = answer.json()
-            # The server keeps the results of a limited number of audits.
-            if answer.status_code == 404 and before["state"] in ENDED and "audits" in place:
+            if answer.status_code == 404 and before["state"] in ENDED and place not in newest:
                 del self.jobs[place]
                 continue
             if answer.status_code != 200:
