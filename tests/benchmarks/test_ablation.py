@@ -193,7 +193,7 @@ def test_a_second_start_does_nothing_twice(
     policy = types.SimpleNamespace(seeing={})
     policy.model = types.SimpleNamespace(state_dict=lambda: "weights")
     monkeypatch.setattr(ablation, "Run", Training)
-    monkeypatch.setattr(ablation, "evaluate", evaluate)
+    monkeypatch.setattr(ablation, "evaluate_in", evaluate)
     monkeypatch.setattr(ablation, "load_policy", lambda source: policy)
     monkeypatch.setattr(ablation.Study, "_source", lambda self, place: place)
     with pytest.raises(KeyboardInterrupt):
