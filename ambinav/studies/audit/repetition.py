@@ -18,6 +18,8 @@ WITHIN: Final = 0.25
 """Metres that a part may stand off its place in the row."""
 FEWEST: Final = 3
 """Equal parts that are a row."""
+FITS: Final = 4
+"""Fits of a row to its parts: from two of them alone the far ones would be missed."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,19 @@ def _row(letter: str, pairs: Sequence[AliasedPair]) -> Repetition | None:
     best: tuple[int, float, complex] = 0, 0.0, 0j
     points = places @ np.array([1.0, 1.0j])
     for first, second in itertools.combinations(points.tolist(), 2):
-        # As numbers of steps from one part: those of the row are whole, and no two are the same.
-        off = (points - first) / (second - first)
-        number = np.rint(off.real)
-        near = np.abs(off - number) * abs(second - first) <= WITHIN
-        numbers, parts = np.unique(number[near], return_index=True)
+        origin, step = first, second - first
+        for _ in range(FITS):
+            # As numbers of steps from one part: those of the row are whole, no two are the same.
+            off = (points - origin) / step
+            number = np.rint(off.real)
+            near = np.abs(off - number) * abs(step) <= WITHIN
+            numbers, parts = np.unique(number[near], return_index=True)
+            if len(numbers) < FEWEST:
+                break
+            step, origin = np.polyfit(numbers, points[near][parts], 1)
         # A gap may be a part whose region is not listed, but not most of the row.
         if len(numbers) < FEWEST or 2 * len(numbers) <= np.ptp(numbers) + 1:
             continue
-        step = np.polyfit(numbers, points[near][parts], 1)[0]
         best = max(best, (len(numbers), abs(step), step), key=lambda row: row[:2])
     count, period, step = best
     if not count:

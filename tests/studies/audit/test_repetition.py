@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from ambinav.studies.audit.aliased_pairs import AliasedPair
@@ -24,6 +24,7 @@ def pairs(places: list[complex], letter: str = "A", turn: float = 0.0) -> list[A
     ]
 
 
+@example(count=9, period=2.0, direction=0.0, seed=97)
 @given(
     count=st.integers(3, 9),
     period=st.floats(1.5, 12.0),
