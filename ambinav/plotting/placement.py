@@ -27,7 +27,7 @@ from ambinav.plotting.floor import (
     colour_patch,
     unexplored_patch,
 )
-from ambinav.plotting.maps import paint_zones
+from ambinav.plotting.maps import paint_zone_codes
 
 LONGEST: Final = 9.0
 """Inches of the longer side of a picture, about."""
@@ -84,12 +84,18 @@ class PlacementView:
 
 
 def plot_placement(
-    amap: AmbiguityMap, parts: JudgedFloor, shown: PlacementView, *, placed: bool
+    amap: AmbiguityMap,
+    zone: NDArray[np.uint8],
+    parts: JudgedFloor,
+    shown: PlacementView,
+    *,
+    placed: bool,
 ) -> Axes:
     """Draw the zones without or with the obstacles.
 
     Args:
-        amap: The map of this state.
+        amap: The map without them.
+        zone: Codes of the zones that are drawn, on its lattice, shape (ny, nx).
         parts: Masks of the floor that counts, without the obstacles.
         shown: Elements drawn over the floor.
         placed: Whether the obstacles are there.
@@ -97,7 +103,7 @@ def plot_placement(
 
     def paint(floor: FloorFigure) -> None:
         # Where an obstacle stands there is no zone.
-        paint_zones(floor, "mean", parts)
+        paint_zone_codes(floor, zone, parts)
 
     entries = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
     return plot_state(amap, paint, entries, parts, shown, placed=placed)
@@ -115,7 +121,7 @@ def plot_state(
     """Draw a floor without or with obstacles; both pictures have one size and one legend.
 
     Args:
-        amap: The map.
+        amap: The map without them: walls, extent and legend of both pictures are its own.
         paint: Paints the floor.
         entries: Legend entries of what it paints.
         parts: Masks of the floor that counts, without the obstacles.

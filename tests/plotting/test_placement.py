@@ -10,6 +10,7 @@ import shapely
 from matplotlib.lines import Line2D
 
 import ambinav as an
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.plotting.canvas import root_figure
 from ambinav.plotting.placement import (
     MARKER,
@@ -18,6 +19,7 @@ from ambinav.plotting.placement import (
     label_spots,
     plot_placement,
 )
+from ambinav.studies.design.improved import zones_after
 from tests.drive.cases import laser
 
 CORNERS = np.array([[0.0, 0.0], [400.0, 300.0]])
@@ -57,8 +59,9 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
     small = shapely.Point(20.0, 10.0).buffer(0.05), shapely.box(40.0, 10.0, 40.02, 10.2)
     outlines = [small[0]] if kind == "post" else [small[1]]
     shown = PlacementView(reflective, outlines, (kind,) * len(outlines), improved=[(30.0, 5.0)])
+    zone = hall.floor("zone").values
     before, after = (
-        plot_placement(hall, hall.judged, shown, placed=placed) for placed in (False, True)
+        plot_placement(hall, zone, hall.judged, shown, placed=placed) for placed in (False, True)
     )
     legend = after.get_legend()
     assert legend is not None
@@ -83,7 +86,25 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
 
 
 def test_without_obstacles_the_picture_says_so_by_showing_none(hall: an.AmbiguityMap) -> None:
-    axes = plot_placement(hall, hall.judged, PlacementView(False, (), ()), placed=True)
+    zone, shown = hall.floor("zone").values, PlacementView(False, (), ())
+    axes = plot_placement(hall, zone, hall.judged, shown, placed=True)
     legend = axes.get_legend()
     assert legend is not None
     assert not any("put up" in text.get_text() for text in legend.get_texts())
+
+
+def test_the_pictures_fit_however_the_map_changes(hall: an.AmbiguityMap) -> None:
+    """Where obstacles bring the first reflectors, and take away floor that ends the lattice."""
+    block = Obstacle(shapely.box(0.0, 0.0, 60.0, 2.0), reflective=True)
+    changed = hall.update(hall.environment.edited(add=[block]))
+    assert changed.dataset.sizes["y"] < hall.dataset.sizes["y"]
+    shown = PlacementView(True, [block.outline], ("panel",))
+    before, after = (
+        plot_placement(hall, zones_after(hall, then), hall.judged, shown, placed=then is changed)
+        for then in (hall, changed)
+    )
+    assert before.get_position().bounds == after.get_position().bounds
+    assert before.viewLim.bounds == after.viewLim.bounds
+    legends = [axes.get_legend() for axes in (before, after)]
+    texts = [[text.get_text() for text in legend.get_texts()] for legend in legends if legend]
+    assert texts[0] == texts[1] and len(texts) == 2

@@ -86,14 +86,24 @@ def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor
         after: Map with the change, whose lattice may be larger or smaller.
         parts: Masks of the floor that counts.
     """
-    lattice = before.dataset
-    then = after.floor("zone").reindex(
-        x=lattice["x"], y=lattice["y"], method="nearest", tolerance=0.1 * before.spacing,
-        fill_value=NOT_FREE,
-    )  # fmt: skip
     was_bad = np.isin(before.floor("zone").values, (CORRIDOR, OPEN))
     # What an obstacle covers is not improved.
-    return np.asarray(parts.counted & was_bad & np.isin(then.values, (LOCALIZABLE, TRANSITION)))
+    good = np.isin(zones_after(before, after), (LOCALIZABLE, TRANSITION))
+    return np.asarray(parts.counted & was_bad & good)
+
+
+def zones_after(before: AmbiguityMap, after: AmbiguityMap) -> NDArray[np.uint8]:
+    """Return the zones of a changed map on the lattice of the map before, shape (ny, nx).
+
+    An obstacle at the end of the floor makes the lattice smaller; there nothing is free.
+    """
+    lattice = before.dataset
+    return np.asarray(
+        after.floor("zone").reindex(
+            x=lattice["x"], y=lattice["y"], method="nearest", tolerance=0.1 * before.spacing,
+            fill_value=NOT_FREE,
+        ).values
+    )  # fmt: skip
 
 
 def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[ImprovedPlace, ...]:

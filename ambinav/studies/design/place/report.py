@@ -13,7 +13,7 @@ from ambinav.plotting.floor import Bounds
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.files import trace_route
-from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
+from ambinav.studies.design.improved import PICTURES, improved_text, state_figures, zones_after
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.study import Remedy
@@ -58,7 +58,8 @@ def draw(study: Remedy, report: Document, placed: bool) -> Axes:
         xmin, ymin, xmax, ymax = shapely.total_bounds([*shapes, *lines]).tolist()
         view = xmin - MARGIN, ymin - MARGIN, xmax + MARGIN, ymax + MARGIN
     return plot_placement(
-        study.after if placed else study.amap,
+        study.amap,
+        zones_after(study.amap, study.after if placed else study.amap),
         study.parts,
         PlacementView(
             reflective=study.rules.reflective,

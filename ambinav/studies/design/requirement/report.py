@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ambinav.plotting.cost_curve import CostCurve, CostPoint, plot_cost_curve
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
-from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
+from ambinav.studies.design.improved import PICTURES, improved_text, state_figures, zones_after
 from ambinav.studies.design.requirement.document import (
     FORMAT,
     Document,
@@ -57,8 +57,10 @@ def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
     """Draw the zones without or with the changes, the obstacles by the numbers of their steps."""
     obstacles = [step.obstacle for step in solution.steps if step.obstacle is not None]
     numbers = [k for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
+    before, after = solution.before.amap, solution.after.amap
     return plot_placement(
-        (solution.after if placed else solution.before).amap,
+        before,
+        zones_after(before, after if placed else before),
         solution.before.amap.judged,
         PlacementView(
             reflective=any(one.obstacle.reflective for one in obstacles),
