@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from ambinav.config import ConfigModel, NonNegative, Number, Positive, checked, read_text
 from ambinav.routes.table import parsed
@@ -50,11 +49,7 @@ class _Point(ConfigModel):
     level: Number
 
 
-class _Saved(ConfigModel):
-    """The member of a JSON file: figures, and the points beside them."""
-
-    figures: _Figures
-    points: tuple[_Point, ...] = Field(min_length=2)
+_Saved = tuple[_Figures, list[_Point]]
 
 
 def load_flight(path: str | Path, service: VolumeService) -> FlightRoute:
@@ -75,10 +70,12 @@ def load_flight(path: str | Path, service: VolumeService) -> FlightRoute:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: routes through space are read from {' or '.join(SUFFIXES)}.")
-    saved = _table(path) if suffix == ".csv" else _message(path)
-    points = np.array([[point.x, point.y, point.z] for point in saved.points])
-    figures = saved.figures
-    same = (figures.layer, figures.weight) == (service.layer, service.weight)
+    figures, rows = _table(path) if suffix == ".csv" else _message(path)
+    points = np.array([[point.x, point.y, point.z] for point in rows])
+    attrs = service.volume.dataset.attrs
+    # The planner's progress is in the costs of what it planned with.
+    theirs = figures.environment, figures.scanner, figures.layer, figures.weight
+    same = theirs == (attrs["environment"], attrs["scanner"], service.layer, service.weight)
     return FlightRoute(
         points=points,
         cost=service.route_cost(points),
@@ -127,4 +124,4 @@ def _message(path: Path) -> _Saved:
 def _saved(figures: dict[str, Any], points: list[_Point], path: Path) -> _Saved:
     if len(points) < 2:
         raise InputError(f"{path}: it has {len(points)} points; a route has a start and a goal.")
-    return _Saved(figures=checked(_Figures, figures, str(path)), points=tuple(points))
+    return checked(_Figures, figures, str(path)), points

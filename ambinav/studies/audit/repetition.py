@@ -29,7 +29,7 @@ class Repetition:
     Attributes:
         letter: Letter of their aliased regions.
         period: Distance from each to the next, metres.
-        direction: Direction of the row, radians in [0, pi).
+        direction: Direction of the row, radians in [0, pi), in whole degrees.
         count: Number of the parts.
     """
 

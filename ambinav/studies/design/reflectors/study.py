@@ -125,7 +125,7 @@ class ReflectorLayout:
         return self.environment.edited(add=[candidate.obstacle for candidate in self.chosen])
 
 
-GOOD, IMPRECISE, ALIKE, FEW = range(4)
+GOOD, IMPRECISE, ALIASED, FEW = range(4)
 STATES = ("navigates", "imprecise", "aliased", "too few in view")
 """States of floor, in the order of their numbers."""
 
@@ -134,7 +134,7 @@ def states(found: Positioning, free: Mask) -> NDArray[np.uint8]:
     """Return the state of each cell, uint8, shape (ny, nx); `NOT_FREE` where none is free."""
     picture = np.full(free.shape, NOT_FREE, dtype=np.uint8)
     state = np.where(found.precise, GOOD, IMPRECISE)
-    state = np.where(found.unique, state, ALIKE)
+    state = np.where(found.unique, state, ALIASED)
     picture[free] = np.where(found.enough, state, FEW)
     return picture
 
