@@ -27,11 +27,10 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import arguments, environment_path, report, spread, table
+from harness import arguments, environment_of, report, spread, table
 from numpy.typing import NDArray
 from plan_case import pairs
 
-from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive_route
 from ambinav.drive.localizer_spec import chosen_localizer
@@ -101,7 +100,7 @@ def main() -> None:
 
 def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
     """Return the rows of one map."""
-    environment = load_environment(environment_path(name))
+    environment = environment_of(name)
     scanner = RangeScanner.from_preset(SCANNER)
     amap = build_map(environment, scanner, store=False)
     planner = RoutePlanner(AmbiguityService(amap, weight=0.0), footprint=ROBOT.radius + MARGIN)

@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from harness import environment_path, interleave, option, parser_of, report, spread, table
+from harness import environment_of, interleave, option, parser_of, report, spread, table
 from lasers import laser
 
-from ambinav.buildings.load import load_environment
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.collision.reach import find_reach, reach_of
@@ -45,7 +44,7 @@ def main() -> None:
 
 def timed_rows(name: str, count: int, repeats: int) -> list[str]:
     """Return the row of an environment."""
-    environment = load_environment(environment_path(name))
+    environment = environment_of(name)
     amap = build_map(environment, laser(), store=False)
     forecaster = Forecaster(amap, "poor")
     rng = np.random.default_rng(7)
@@ -73,7 +72,7 @@ def timed_rows(name: str, count: int, repeats: int) -> list[str]:
 
 def layers_and_audit(repeats: int) -> str:
     """Return the table of layers of the forecast beside others, and of an audit's routes."""
-    environment = load_environment(environment_path("demo"))
+    environment = environment_of("demo")
     amap = build_map(environment, RangeScanner.from_preset("turtlebot3-lds"), store=False)
     reach = find_reach(environment, 0.2)
     tasks: dict[str, Callable[[], object]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from harness import arguments, environment_path, option, report, table
+from harness import arguments, environment_of, option, report, table
 from lasers import laser
 from numpy.typing import NDArray
 
@@ -37,7 +37,7 @@ def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
 def main() -> None:
     """Compare maps of the demo building and print the table."""
     chosen = arguments(__doc__, points=option(10000, "points"), seed=option(0, "of the points"))
-    env = an.load_environment(environment_path("demo"))
+    env = environment_of("demo")
     scanner = laser()
     rng = np.random.default_rng(chosen.seed)
     xmin, ymin, xmax, ymax = env.bounds

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from harness import ENVIRONMENTS, environment_path, parser_of, report, table
+from harness import ENVIRONMENTS, environment_of, parser_of, report, table
 from lasers import laser
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.segments import WALL
 from ambinav.layers.context import LayerContext
@@ -50,7 +49,7 @@ def main() -> None:
     for name in args.maps or MAPS:
         if name not in ENVIRONMENTS:
             parser.error(f"map {name!r}: choose from {', '.join(sorted(ENVIRONMENTS))}.")
-        env = load_environment(environment_path(name))
+        env = environment_of(name)
         context = LayerContext.of(build_map(env, laser(), SPACING, store=False), env)
         wide = np.asarray(env.clearance(*context.points)) >= WIDE
         steps.append((name, *of_steps(context, wide)))

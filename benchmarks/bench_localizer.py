@@ -12,11 +12,10 @@ from functools import partial
 
 import numba
 import numpy as np
-from harness import arguments, environment_path, interleave, report, spread, table
+from harness import arguments, environment_of, interleave, report, spread, table
 from lasers import laser
 from numpy.typing import NDArray
 
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.mcl import MonteCarloLocalizer
@@ -87,7 +86,7 @@ def rows_of_rates(
 def main() -> None:
     """Measure and report."""
     args = arguments(__doc__, repeats=3, runs=30, environment="demo")
-    env = load_environment(environment_path(args.environment))
+    env = environment_of(args.environment)
     LikelihoodField.of(env, 0.1)
     begin = time.perf_counter()
     field = LikelihoodField.of(env)

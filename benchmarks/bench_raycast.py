@@ -16,11 +16,10 @@ import numba
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from harness import ENVIRONMENTS, arguments, environment_path, interleave, option, report, table
+from harness import ENVIRONMENTS, arguments, environment_of, interleave, option, report, table
 from lasers import laser
 from numpy.typing import NDArray
 
-from ambinav.buildings.load import load_environment
 from ambinav.casting.plane.raycast import cast_rays
 from ambinav.casting.scans import scan_rays
 from ambinav.geometry.environment import Environment
@@ -111,7 +110,7 @@ def differing(ours: NDArray[np.floating], theirs: NDArray[np.floating], max_rang
 
 def measure(name: str, count: int, beams: int, max_range: float, repeats: int, seed: int) -> str:
     """Measure in the environment called `name`; return the section of the report."""
-    env = load_environment(environment_path(name))
+    env = environment_of(name)
     rng = np.random.default_rng(seed)
     poses = Poses.draw(env, count, rng)
     scanner = laser(max_range, beams=beams)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import arguments, environment_path, report, table
+from harness import arguments, environment_of, report, table
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from truth_case import scanner_of
@@ -67,7 +67,7 @@ HEADER = (
 
 def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict[str, Any]:
     """Return errors at the places, and their levels for each choice."""
-    env = an.load_environment(environment_path(name))
+    env = environment_of(name)
     scanner = scanner_of(scanner_name)
     x, y = (np.array([place[key] for place in places]) for key in ("x", "y"))
 

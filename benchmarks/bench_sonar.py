@@ -37,11 +37,10 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import appended, arguments, environment_path, kept_rows, option, report, table
+from harness import appended, arguments, environment_of, kept_rows, option, report, table
 from numpy.typing import NDArray
 from plan_case import pairs
 
-from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap, share
 from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
@@ -139,7 +138,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     if args.report_only:
         # Localizers changed since then have other labels.
         return [row for row in known.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
-    environment = load_environment(environment_path(name))
+    environment = environment_of(name)
     scanner = RangeScanner.from_preset(PRESET)
     amap = build_map(environment, scanner, store=False)
     chosen = list(routes(amap, args))

@@ -15,9 +15,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from harness import arguments, environment_path, option, report, table
+from harness import arguments, environment_of, option, report, table
 
-from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import build_map
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
@@ -39,7 +38,7 @@ def main() -> None:
     args = arguments(
         __doc__, environment="willow_full_005", all=option(False, "sweep all places too")
     )
-    env = load_environment(environment_path(args.environment))
+    env = environment_of(args.environment)
     scanner = RangeScanner.from_preset(SCANNER)
 
     def one_map() -> tuple[float, float]:

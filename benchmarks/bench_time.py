@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from harness import arguments, environment_path, report, spread, table
+from harness import arguments, environment_of, report, spread, table
 from lasers import laser
 
 import ambinav as an
@@ -30,7 +30,7 @@ def main() -> None:
     args = arguments(__doc__, pairs=15, spacing=0.2)
     rows = []
     for name in BUILDINGS:
-        building = an.load_environment(environment_path(name))
+        building = environment_of(name)
         amap = an.build_map(building, laser(), args.spacing, store=False)
         forecaster = an.Forecaster(amap, ODOMETRY)
         ends = pairs(amap, args.pairs)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 import shapely
-from harness import arguments, environment_path, option, report, spread, table
+from harness import arguments, environment_of, environment_path, option, report, spread, table
 from lasers import laser
 
 import ambinav as an
@@ -121,7 +121,7 @@ def main() -> None:
     numba.set_num_threads(2)
     path = str(environment_path(args.map))
     # Kernels are made before the clock starts.
-    small = an.load_environment(environment_path("demo"))
+    small = environment_of("demo")
     for name in args.scanners:
         amap = an.build_map(small, scanner_of(name), 1.0, 2.0, store=False)
         amap.update(

@@ -17,13 +17,12 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import appended, environment_path, kept_rows
+from harness import appended, environment_of, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike
 from plan_case import figures as plan_figures
 from plan_case import pairs
 
-from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
@@ -75,7 +74,7 @@ def main() -> None:
     parser.add_argument("--routes-only", action="store_true", help="plan, and drive nothing")
     args = parser.parse_args()
     numba.set_num_threads(1)
-    environment = load_environment(environment_path(args.environment))
+    environment = environment_of(args.environment)
     scanner = RangeScanner.from_preset(args.scanner)
     planned = routes_path(args.folder, args.environment, args.scanner, args)
     if len(kept_rows(planned)) < args.drawn:

@@ -21,6 +21,8 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from ambinav.buildings.load import load_environment
+from ambinav.geometry.environment import Environment
 from ambinav.runtime.provenance import code_digest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,6 +47,8 @@ ENVIRONMENTS = {
     "duplex": "plans/duplex.ifc",
     "barcelona_pavilion": "plans/barcelona_pavilion.ifc",
 }
+LEVELS = {"institute": "Erdgeschoss", "duplex": "Level 1"}
+"""Storeys of the plans that have several."""
 BUNDLED = ("demo",)
 MAP_FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
@@ -60,6 +64,11 @@ def environment_path(name: str) -> Path:
     if name in BUNDLED:
         return ROOT / ENVIRONMENTS[name]
     return data_file(ENVIRONMENTS[name])
+
+
+def environment_of(name: str) -> Environment:
+    """Load the environment called `name` in `ENVIRONMENTS`; of several storeys that of `LEVELS`."""
+    return load_environment(environment_path(name), level=LEVELS.get(name))
 
 
 def data_file(name: str) -> Path:

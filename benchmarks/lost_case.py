@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from harness import environment_path, recorded_maps
+from harness import environment_of, recorded_maps
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import NDArray
 from truth_case import MIXED, PLANAR, aged, scanner_of
@@ -84,7 +84,7 @@ def building(name: str) -> Environment:
     if family in DRAWN:
         return suite(family).building(int(number))
     if name in PLANS:
-        return load_environment(environment_path(name))
+        return environment_of(name)
     return load_environment(recorded_maps([name])[0])
 
 

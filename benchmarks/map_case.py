@@ -19,7 +19,7 @@ from typing import Any
 import numba
 import numpy as np
 import shapely
-from harness import ENVIRONMENTS, environment_path
+from harness import ENVIRONMENTS, LEVELS, environment_path
 from lasers import laser
 
 from ambinav.ambiguity import reference
@@ -143,7 +143,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     parts: dict[str, list[float]] = {name: [] for name in PARTS}
     for _ in range(args.repeats):
         start = time.perf_counter()
-        env = load_environment(path)
+        env = load_environment(path, level=LEVELS.get(args.environment))
         loaded = time.perf_counter()
         # Computed lazily; done here, so that it does not count as building.
         _ = env.grid, env.border_lines

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import appended, environment_path, kept_rows
+from harness import appended, environment_of, kept_rows
 from lasers import laser
 
-from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
@@ -87,7 +86,7 @@ def planned(
 
 def service(name: str) -> AmbiguityService:
     """Return the cost of the environment for 60 beams of 4 m, every 0.1 m."""
-    amap = build_map(load_environment(environment_path(name)), laser(), store=False)
+    amap = build_map(environment_of(name), laser(), store=False)
     return AmbiguityService(amap, weight=WEIGHT)
 
 

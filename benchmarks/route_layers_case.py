@@ -12,12 +12,11 @@ from typing import Any
 
 import numba
 from claim_case import LONGEST, MARGIN, WEIGHTS, Row, RowWriter, driven, figures
-from harness import appended, environment_path, kept_rows
+from harness import appended, environment_of, kept_rows
 from localizers import LOCALIZERS, ROBOT
 from plan_case import pairs
 from truth_case import MIXED, NOISE, scanner_of
 
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
@@ -41,7 +40,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("out/route-layers"))
     args = parser.parse_args()
     numba.set_num_threads(1)
-    environment = load_environment(environment_path(args.environment))
+    environment = environment_of(args.environment)
     scanner = scanner_of(args.scanner)
     planned = routes_path(args.folder, args.environment, args.scanner, args)
     if len(kept_rows(planned)) < args.pairs:

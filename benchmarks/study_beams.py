@@ -49,7 +49,16 @@ from beams_tables import (
     small_part,
     times_part,
 )
-from harness import ENVIRONMENTS, appended, arguments, environment_path, kept_rows, option, report
+from harness import (
+    ENVIRONMENTS,
+    appended,
+    arguments,
+    environment_of,
+    environment_path,
+    kept_rows,
+    option,
+    report,
+)
 from localizers import ROBOT, localizer_of, parameters_of
 from numpy.typing import NDArray
 
@@ -143,8 +152,9 @@ def keep(path: Path, result: object) -> None:
 
 def environment(name: str) -> Environment:
     """Return one of `NAMES`."""
-    path = environment_path("willow_full_005" if name in RACE_TRACKS else name)
-    return load_environment(path.with_name(f"{name}.yaml") if name in RACE_TRACKS else path)
+    if name not in RACE_TRACKS:
+        return environment_of(name)
+    return load_environment(environment_path("willow_full_005").with_name(f"{name}.yaml"))
 
 
 def samples_of(names: Sequence[str], scanner: RangeScanner) -> list[tuple[MapSample, ...]]:

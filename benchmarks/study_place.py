@@ -32,11 +32,10 @@ from typing import Any
 import numpy as np
 import shapely
 from claim_case import driven
-from harness import appended, arguments, commits, environment_path, kept_rows, option, report, table
+from harness import appended, arguments, commits, environment_of, kept_rows, option, report, table
 from localizers import ROBOT, WHAT
 from numpy.typing import NDArray
 
-from ambinav.buildings.load import load_environment
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.map_building.build import build_map
@@ -101,7 +100,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         )
         for row in kept
     }
-    environment = load_environment(environment_path(name))
+    environment = environment_of(name)
     scanner = RangeScanner.from_preset(SCANNER)
     amap = build_map(environment, scanner, SPACING, store=False)
     service = AmbiguityService(amap)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from harness import (
     ENVIRONMENTS,
+    LEVELS,
     appended,
     arguments,
     commits,
@@ -54,7 +55,6 @@ SPACINGS = {
     "planner_maps/barn_world_250.yaml": 0.05, "planner_maps/movingai_32room_000.yaml": 0.5,
     "planner_maps/movingai_maze512-32-0.yaml": 0.5,
 }  # fmt: skip
-LEVELS = {"institute": "Erdgeschoss", "duplex": "Level 1"}
 TOO_LARGE = ("infinite-corridor",)
 # Free cells of the lattice up to which a map counts as small, and as of middle size.
 SIZES = {"small": 20_000, "middle": 60_000, "large": sys.maxsize}
@@ -127,8 +127,7 @@ def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
             if not missing:
                 continue
             spacing = SPACINGS.get(str(file.relative_to(file.parents[1])), 0.1)
-            storey: dict[str, Any] = {"level": LEVELS[name]} if name in LEVELS else {}
-            environment = an.load_environment(file, **storey)
+            environment = an.load_environment(file, level=LEVELS.get(name))
             amap = an.build_map(environment, laser(), spacing=spacing, store=False)
             cost = an.AmbiguityService(amap, weight=WEIGHT)
             # Another robot, if only by a nanometre: equal ones share their lattice.

@@ -14,9 +14,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from harness import arguments, environment_path, option, report, table
+from harness import arguments, environment_of, option, report, table
 
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
@@ -55,7 +54,7 @@ def main() -> None:
     )
     rows, random_rows = [], []
     for name in args.environments:
-        environment = load_environment(environment_path(name))
+        environment = environment_of(name)
         for scanner in map(RangeScanner.from_preset, args.scanners):
             if not scanner.looks_all_around and name not in WITH_HEADINGS:
                 continue

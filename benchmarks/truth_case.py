@@ -18,12 +18,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import appended, environment_path, kept_rows
+from harness import appended, environment_of, kept_rows
 from lasers import laser
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.buildings.load import load_environment
 from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive_route
@@ -125,7 +124,7 @@ def add_places(
     has random numbers of its own, and the same for each localizer.
     """
     numba.set_num_threads(1)
-    mapped = load_environment(environment_path(args.environment))
+    mapped = environment_of(args.environment)
     scanner = scanner_of(args.scanner)
     if args.world == "aged":
         world = aged(mapped, np.random.default_rng([args.seed, WORLD_STREAM]))

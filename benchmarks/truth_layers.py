@@ -16,11 +16,10 @@ from itertools import product
 
 import numba
 import numpy as np
-from harness import environment_path
+from harness import environment_of
 from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.aliasing.layer import aliased_poses
@@ -53,7 +52,7 @@ def main() -> None:
     numba.set_num_threads(1)
     places = [json.loads(line) for line in sys.stdin]
     scanner = scanner_of(args.scanner)
-    environment = load_environment(environment_path(args.environment))
+    environment = environment_of(args.environment)
     amap = build_map(environment, scanner, radius=RADIUS, store=False)
     radius = position_radius(amap).astype(np.float32)
     amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
