@@ -1,4 +1,4 @@
-"""`ambinav design for`: the cheapest changes that meet a requirement on bad floor."""
+"""`ambinav design for`: the cheapest changes that meet a requirement."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import conflict
 from ambinav.cli.design_place import PositionOptions
+from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
@@ -19,6 +21,8 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from ambinav.studies.design.requirement.document import Document
 
+FOR_LOST = 'is for a requirement on lost robots, such as "lost < 5 %"'
+
 
 @options.grouped
 def requirement(
@@ -27,8 +31,8 @@ def requirement(
         str | None,
         typer.Argument(
             metavar="REQUIREMENT",
-            help='What must hold, e.g. "bad < 2 %" or "open area < 10 m2"; without it --budget '
-            "says how much the best may cost.",
+            help='What must hold, e.g. "bad < 2 %", "open area < 10 m2" or "lost < 5 %"; without '
+            "it --budget says how much the best may cost.",
             show_default=False,
         ),
     ] = None,
@@ -57,21 +61,33 @@ def requirement(
         float | None,
         typer.Option("--budget", metavar="AMOUNT", help="Largest cost.", show_default="no limit"),
     ] = None,
+    places: Annotated[
+        Path | None,
+        typer.Option(
+            "--places",
+            metavar="FILE",
+            help='Named places and trips between them (.yaml: places, trips), for "lost < 5 %".',
+            show_default=False,
+        ),
+    ] = None,
     keep_out: KeepOut = None,
     output: options.ReportFolder = None,
     obstacles: PositionOptions,
     building: BuildingOptions,
     making: MapOptions,
     robot: ReachOptions,
+    forecasts: ForecastOptions,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Find the cheapest changes that meet a requirement on bad floor.
+    """Find the cheapest changes that meet a requirement on bad floor or on lost robots.
 
     Posts, panels and tags are searched greedily, with the present scanner and with each other one
-    that is allowed; every step is checked by a full map. The result is the cheapest found. Ends
-    with status 3 if the requirement cannot be met, and reports the best that can be done.
+    that is allowed; every step is checked by a full map. The result is the cheapest found. With
+    "lost < 5 %" at most so many robots may get lost on each trip between the places of --places,
+    by the forecast and in drives. Ends with status 3 if the requirement cannot be met, and reports
+    the best that can be done.
 
     Example: `ambinav design for office.yaml "bad < 2 %" -s turtlebot3-lds --may posts=8,scanner
     --cost costs.yaml -o changes`
@@ -84,6 +100,8 @@ def requirement(
         from ambinav.studies.design.requirement.report import STUDY, write_report
         from ambinav.studies.design.requirement.requirement import Requirement
         from ambinav.studies.design.requirement.study import meet_requirement
+        from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
+        from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
 
         making.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
@@ -93,6 +111,19 @@ def requirement(
                 'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
             )
         wanted = None if required is None else Requirement.parse(required)
+        is_lost = wanted is not None and wanted.most_lost is not None
+        if is_lost and places is None:
+            raise InputError(
+                f'--places: "{wanted}" is about trips between places; give a file with them, e.g. '
+                f"`{EXAMPLE}`."
+            )
+        conflict("--places", places is not None and not is_lost, FOR_LOST)
+        conflict(
+            "--localizer, --odometry and the limits", forecasts.wanted and not is_lost, FOR_LOST
+        )
+        forecasts.check()
+        forecasts.check_no_program()
+        trips = None if places is None else read_trips(places)
         allowed = Allowed.parse(may)
         costs = read_costs(cost)
         allowed.check(costs, str(cost))
@@ -102,6 +133,11 @@ def requirement(
         check_report(STUDY, output, pictures)
         environment, chosen = making.load(map_file, scanner, building)
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        forecaster = None
+        if trips is not None:
+            forecaster = TripForecaster(
+                environment, reach, trips, forecasts.forecaster, str(places)
+            )
         with progress_bars(as_json or quiet) as bars:
             solution = meet_requirement(
                 environment,
@@ -114,6 +150,7 @@ def requirement(
                 requirement=wanted,
                 budget=budget,
                 keep_out=zones,
+                trips=forecaster,
                 source=str(cost),
                 report=bars,
             )
@@ -134,13 +171,15 @@ def _show(report: Document, output: Path | None) -> None:
 
     show(report.summary, *report.remarks)
     if report.steps:
-        columns = ("no.", "change", "x (m)", "y (m)", "cost\nso far", "bad floor\nm²", "%")
+        lost = ("worst trip\nlost (%)",) if report.trips else ()
+        columns = ("no.", "change", "x (m)", "y (m)", "cost\nso far", *lost, "bad floor\nm²", "%")
         rows = [
             (
                 str(step.number),
                 step.text,
                 *("" if value is None else f"{value:.2f}" for value in (step.x_m, step.y_m)),
                 money(step.cost_so_far),
+                *(f"{step.after.value:.1f}" for _ in lost),
                 f"{step.after.bad_area_m2:,.1f}",
                 f"{100.0 * step.after.bad_share:.1f}",
             )

@@ -116,6 +116,21 @@ class ForecastOptions:
         above_zero(self.lateral_limit, "--lateral-limit", "0.3")
         above_zero(self.heading_limit, "--heading-limit", "15", "degrees")
 
+    def check_no_program(self) -> None:
+        """Refuse a localizer that drives would start as a program.
+
+        Raises:
+            InputError: it is one.
+        """
+        from ambinav.forecasting.localizer_class import LocalizerClass
+
+        localizer = LocalizerClass.load(self.localizer or LOCALIZER)
+        if localizer.runs_command:
+            raise InputError(
+                f"--localizer: drives of {localizer.title} would run a program with your rights; "
+                "give a class of ambinav's own localizers."
+            )
+
     def forecaster(self, amap: AmbiguityMap, routes: Sequence[Route] | None = None) -> Forecaster:
         """Make the forecaster of a map; None: of any routes."""
         from ambinav.forecasting.forecast import Forecaster

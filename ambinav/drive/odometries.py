@@ -33,3 +33,8 @@ def odometry_of(which: str | OdometryNoise | None) -> OdometryNoise:
     if which not in ODOMETRIES:
         raise InputError(f"odometry is {which!r}; {nearest(str(which), tuple(ODOMETRIES))}.")
     return ODOMETRIES[which]
+
+
+def odometry_name(odometry: OdometryNoise) -> str:
+    """Return the name of an odometry; "other" if it has none."""
+    return next((name for name, known in ODOMETRIES.items() if known == odometry), "other")

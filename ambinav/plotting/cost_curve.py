@@ -1,4 +1,4 @@
-"""Bad floor over the cost of changes: the curve of gain over cost."""
+"""Bad floor, or lost robots, over the cost of changes: the curve of gain over cost."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ ROOM: Final = 0.06
 
 @dataclass(frozen=True)
 class CostPoint:
-    """Changes with their cost and the bad floor that they leave, square metres."""
+    """Changes with their cost and what they leave: bad floor (m²) or lost robots (%)."""
 
     cost: float
-    bad: float
+    left: float
     on_front: bool
 
 
@@ -34,15 +34,16 @@ class CostCurve:
 
     Attributes:
         points: Points, by rising cost.
-        chosen: Cost and bad floor of the recommended changes, and their label.
-        counted: Floor that counts, square metres: 100 % of the right axis.
-        limit: Bad floor that is allowed, square metres, and its label; None: there is no such.
+        chosen: Cost of the recommended changes, what they leave, and their label.
+        counted: Floor that counts, square metres: 100 % of the right axis. None: the points leave
+            lost robots.
+        limit: What may be left, and its label; None: there is no such limit.
         budget: Largest cost; None: not limited.
     """
 
     points: Sequence[CostPoint]
     chosen: tuple[float, float, str]
-    counted: float
+    counted: float | None
     limit: tuple[float, str] | None = None
     budget: float | None = None
 
@@ -53,12 +54,16 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
     axes = figure.subplots()
     axes.set_title(title, loc="left", fontsize=13)
     axes.set_xlabel("cost of all changes (currency of the costs file)", fontsize=FONT + 1)
-    axes.set_ylabel("bad floor (m²)", fontsize=FONT + 1)
+    name = "bad floor" if curve.counted else "share of lost robots"
+    axes.set_ylabel(
+        "bad floor (m²)" if curve.counted else "robots lost on the worst trip (%)",
+        fontsize=FONT + 1,
+    )
     axes.grid(color="#DDDDDD", linewidth=0.8)
     axes.set_axisbelow(True)
     axes.spines["top"].set_visible(False)
-    front = sorted((point.cost, point.bad) for point in curve.points if point.on_front)
-    others = [(point.cost, point.bad) for point in curve.points if not point.on_front]
+    front = sorted((point.cost, point.left) for point in curve.points if point.on_front)
+    others = [(point.cost, point.left) for point in curve.points if not point.on_front]
     if others:
         axes.plot(
             *zip(*others, strict=True), "o", color=OTHERS, markerfacecolor="white", markersize=5,
@@ -67,11 +72,11 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
     # There is nothing between two sets of changes, so the line has steps.
     axes.plot(
         *zip(*front, strict=True), "o-", color=FRONT, markersize=6, linewidth=1.6,
-        drawstyle="steps-post", label="least bad floor found for its cost",
+        drawstyle="steps-post", label=f"least {name} found for its cost",
     )  # fmt: skip
-    cost, bad, label = curve.chosen
+    cost, left, label = curve.chosen
     axes.plot(
-        [cost], [bad], "o", color="none", markeredgecolor="black", markeredgewidth=1.8,
+        [cost], [left], "o", color="none", markeredgecolor="black", markeredgewidth=1.8,
         markersize=13, linestyle="none", label=f"recommended: {label}",
     )  # fmt: skip
     if curve.limit is not None:
@@ -80,13 +85,16 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
         axes.axvline(curve.budget, color="black", linestyle=":", label="budget")
     most = max(max(point.cost for point in curve.points), curve.budget or 0.0, 1e-9)
     axes.set_xlim(-ROOM * most, (1.0 + ROOM) * most)
-    high = max(max(point.bad for point in curve.points), (curve.limit or (0.0,))[0], 1e-9)
+    high = max(max(point.left for point in curve.points), (curve.limit or (0.0,))[0], 1e-9)
     axes.set_ylim(-ROOM * high, (1.0 + ROOM) * high)
-    percent = 100.0 / curve.counted
-    share = axes.secondary_yaxis(
-        "right",
-        functions=(lambda m2: np.asarray(m2) * percent, lambda part: np.asarray(part) / percent),
-    )
-    share.set_ylabel("share of the floor that counts (%)", fontsize=FONT + 1)
+    if curve.counted:
+        percent = 100.0 / curve.counted
+        share = axes.secondary_yaxis(
+            "right",
+            functions=(
+                lambda m2: np.asarray(m2) * percent, lambda part: np.asarray(part) / percent
+            ),
+        )  # fmt: skip
+        share.set_ylabel("share of the floor that counts (%)", fontsize=FONT + 1)
     figure.legend(loc="outside lower left", frameon=False, fontsize=FONT, ncol=2)
     return figure

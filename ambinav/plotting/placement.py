@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from string import ascii_uppercase
 from typing import Any, Final
 
@@ -49,6 +49,13 @@ TEXT: Final[dict[str, Any]] = {
     "color": "black", "zorder": 10,
 }  # fmt: skip
 """Style of labels: numbers in circles, names of places in squares."""
+NAME_OFF: Final = (0.0, -13.0)
+"""Offset of the name of a place, points."""
+NAME: Final[dict[str, Any]] = {
+    "ha": "center", "va": "center", "fontsize": 9.5, "zorder": 8,
+    "path_effects": [Stroke(linewidth=3.0, foreground="white"), Normal()],
+}  # fmt: skip
+"""Style of the names of places."""
 ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
 """Style of the region or routes where bad floor counts."""
 
@@ -66,6 +73,7 @@ class PlacementView:
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all floor.
         numbers: Numbers of the obstacles; None: from 1 on.
         improved: Where most floor becomes good, x and y of each place, metres.
+        names: Named places, x and y of each, metres.
     """
 
     reflective: bool
@@ -76,6 +84,7 @@ class PlacementView:
     bounds: Bounds | None = None
     numbers: Sequence[int] | None = None
     improved: Sequence[tuple[float, float]] = ()
+    names: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def middles(self) -> NDArray[np.float64]:
@@ -134,6 +143,9 @@ def plot_state(
         floor.axes.plot(poses[:, 0], poses[:, 1], **ASKED)
     for ring in shapely.get_rings(shapely.get_parts(list(shown.shapes))).tolist():
         floor.axes.plot(*ring.xy, **ASKED)
+    for name, (x, y) in shown.names.items():
+        floor.axes.plot([x], [y], "D", color="white", markeredgecolor="black", zorder=8)
+        floor.axes.annotate(name, (x, y), NAME_OFF, textcoords="offset points", **NAME)
     for name, (x, y) in zip(ascii_uppercase, shown.improved, strict=False):
         floor.axes.text(x, y, name, bbox={"boxstyle": "square,pad=0.15", **BOX}, **TEXT)
     if placed:
@@ -160,7 +172,10 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
             axes.plot([x], [y], linestyle="none", zorder=6, **look)
         else:
             axes.plot(*_axis(outline, MARKER / metre).T, zorder=6, **look)
-    kept_off = [np.reshape(shown.improved, (-1, 2)), *(poses[:, :2] for poses in shown.routes)]
+    kept_off = [
+        np.reshape([*shown.improved, *shown.names.values()], (-1, 2)),
+        *(poses[:, :2] for poses in shown.routes),
+    ]
     lines = np.concatenate(kept_off)
     spots = label_spots(at, corners, _on_paper(floor, lines)) - at
     numbers = shown.numbers or range(1, len(spots) + 1)
@@ -265,6 +280,6 @@ def _entries(shown: PlacementView) -> list[Artist]:
         label = f"{names}: most floor becomes good"
         entries.append(Line2D([], [], markeredgecolor="black", label=label, **look))
     if shown.shapes or shown.routes:
-        label = "region that counts" if shown.shapes else "route"
+        label = "region that counts" if shown.shapes else "trip" if shown.names else "route"
         entries.append(Line2D([], [], label=label, **ASKED))
     return entries

@@ -46,6 +46,8 @@ MOST_PLACES: Final = 60_000
 LEAST_STEP: Final = 0.02
 LEAST_GAIN: Final = 1e-4
 """Metres by which points of a route are moved at least, and by which that makes it shorter."""
+NEAR: Final = 3.0
+"""Steps from a position to the points of the graph that are tried as its neighbours."""
 AROUND: Final = STEPS / np.hypot(*STEPS.T)[:, np.newaxis]
 """Moves of a route's point, in steps."""
 DIRECTIONS: Final = 60
@@ -86,7 +88,7 @@ class PlaceGraph:
             InputWarning: some places cannot be reached from the others on this lattice.
         """
         if step is None:
-            step = max(STEP, math.sqrt(float(reach.floor.area) / MOST_PLACES))
+            step = graph_step(reach)
         lattice = Lattice.over(environment, step)
         checker = CollisionChecker(environment, Footprint.disc(reach.radius), Steering("r2"))
         x, y = lattice.points
@@ -119,11 +121,41 @@ class PlaceGraph:
 
     def shortest(self, start: int, goal: int) -> Floats:
         """Return points, (M, 2), of the tightened shortest path between two points."""
+        return self._shortened(self._path(start, goal))
+
+    def between(self, start: tuple[float, float], goal: tuple[float, float]) -> Floats | None:
+        """Return points, (M, 2), of the tightened shortest path between two positions.
+
+        Args:
+            start: x and y, metres.
+            goal: Likewise.
+
+        Returns:
+            The path; None if one of them is not beside a point of the graph.
+        """
+        first, last = self._beside(start), self._beside(goal)
+        if first is None or last is None:
+            return None
+        return self._shortened(np.concatenate([[start], self._path(first, last), [goal]]))
+
+    def _path(self, start: int, goal: int) -> Floats:
         _, before = dijkstra(self.lengths, indices=start, return_predecessors=True)
         chain = [goal]
         while chain[-1] != start:
             chain.append(int(before[chain[-1]]))
-        return self._straightened(self._tightened(self._straightened(self.points[chain[::-1]])))
+        return self.points[chain[::-1]]
+
+    def _beside(self, position: tuple[float, float]) -> int | None:
+        """Return the nearest point to which a straight motion is free; None if none is near."""
+        away = np.hypot(*(self.points - position).T)
+        near = np.flatnonzero(away <= NEAR * self.step)
+        near = near[np.argsort(away[near], kind="stable")]
+        starts = _poses(np.tile(position, (len(near), 1)))
+        free = self.checker.motions_free(starts, _poses(self.points[near]))
+        return int(near[free.argmax()]) if free.any() else None
+
+    def _shortened(self, points: Floats) -> Floats:
+        return self._straightened(self._tightened(self._straightened(points)))
 
     def _straightened(self, points: Floats) -> Floats:
         poses = _poses(points)
@@ -155,6 +187,11 @@ class PlaceGraph:
                     points[at], moved = near[good[length[good].argmin()]], True
             step = step if moved else 0.5 * step
         return points
+
+
+def graph_step(reach: Reach, least: float = STEP) -> float:
+    """Return metres between places of a graph over some floor: a least step, or more if large."""
+    return max(least, math.sqrt(float(reach.floor.area) / MOST_PLACES))
 
 
 def sample_routes(

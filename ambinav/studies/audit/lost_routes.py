@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +13,7 @@ from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.routes.sampled import MOST_PLACES, sample_routes
+from ambinav.routes.sampled import graph_step, sample_routes
 from ambinav.runtime.errors import InputWarning
 
 PAIRS: Final = 40
@@ -66,8 +65,9 @@ def find_lost_routes(
     with warnings.catch_warnings():
         # Floor that is cut off on the lattice: the audit reports what is not reached.
         warnings.simplefilter("ignore", InputWarning)
-        step = max(STEP, math.sqrt(float(reach.floor.area) / MOST_PLACES))
-        routes = sample_routes(environment, reach, pairs, np.random.default_rng(SEED), step=step)
+        routes = sample_routes(
+            environment, reach, pairs, np.random.default_rng(SEED), step=graph_step(reach, STEP)
+        )
     forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
     forecasts = map(forecaster, routes)
     return LostRoutes(tuple(sorted(forecasts, key=lambda f: f.lost_probability, reverse=True)))

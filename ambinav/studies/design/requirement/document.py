@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import Any, Final
 
 from pydantic import Field
 
+from ambinav.drive.odometries import odometry_name
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.improved import ImprovedPart, most_improved
@@ -17,6 +17,7 @@ from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
 from ambinav.studies.design.requirement.study import Solution
+from ambinav.studies.design.requirement.trip_part import TripPart, trip_parts, worst_trip
 from ambinav.studies.design.scanners.fronts import Front
 
 FORMAT: Final = "ambinav-design-for/1"
@@ -51,12 +52,13 @@ class StepPart(Part):
 
 
 class PointPart(Part):
-    """A state of the curve: its cost and the bad floor that it leaves."""
+    """A state of the curve: its cost, the bad floor that it leaves, and the lost robots."""
 
     label: str
     cost: Rounded
     bad_area_m2: SquareMetres
     bad_share: Share
+    lost: Share | None = Field(description="on the worst trip, by the forecast; null: no trips")
     on_front: bool = Field(description="no other state is as good in both and better in one")
 
 
@@ -88,6 +90,9 @@ class Document(BuildingDocument):
     improved: tuple[ImprovedPart, ...] = Field(
         description="the three places where most floor becomes good, the largest first"
     )
+    trips: tuple[TripPart, ...] = Field(description="of a requirement on lost robots; else empty")
+    localizer: str | None = Field(description="class of localizer; null without trips")
+    odometry: str | None = Field(description="errors of the odometry; null without trips")
     curve: tuple[PointPart, ...] = Field(description="by rising cost")
     options: tuple[OptionPart, ...]
     prices: dict[str, float] = Field(description="of an obstacle of each allowed kind")
@@ -102,11 +107,12 @@ class Document(BuildingDocument):
 def document(solution: Solution) -> Document:
     """Collect the figures of the report."""
     terms, hardware = solution.terms, solution.before.state.hardware
+    losses, trips = solution.before.trips, trip_parts(solution)
     return Document(
         **head_of(solution.environment, solution.scanner, terms.reach),
         requirement=None if solution.requirement is None else str(solution.requirement),
         budget=solution.budget,
-        summary=_summary(solution),
+        summary=_summary(solution, trips),
         met=solution.met,
         cost=solution.cost,
         counted_area_m2=float(solution.before.state.areas.sum()),
@@ -116,6 +122,9 @@ def document(solution: Solution) -> Document:
         improved=tuple(
             map(ImprovedPart.of, most_improved(solution.before.amap, solution.after.amap))
         ),
+        trips=trips,
+        localizer=None if losses is None else losses.forecaster.localizer.name,
+        odometry=None if losses is None else odometry_name(losses.forecaster.odometry),
         curve=_curve(solution),
         options=tuple(
             OptionPart.of(
@@ -146,17 +155,10 @@ def money(value: float) -> str:
     return f"{value:,.2f}".removesuffix(".00")
 
 
-def _summary(solution: Solution) -> str:
-    before, after = solution.before.state, solution.after.state
-    name = solution.environment.name
-    figure = (
-        f"bad floor of {name} goes from {_amount(before)} to {_amount(after)}"
-        if solution.steps
-        else f"bad floor of {name} stays {_amount(before)}"
-    )
+def _summary(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     budget = "" if solution.budget is None else f" within a budget of {money(solution.budget)}"
-    changes = f"{state_label(after)} for {money(solution.cost)}"
-    wanted = f'"{solution.requirement}"'
+    changes = f"{state_label(solution.after.state)} for {money(solution.cost)}"
+    wanted, figure = f'"{solution.requirement}"', _figure(solution, trips)
     if solution.met is None:
         best = (
             f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
@@ -168,6 +170,23 @@ def _summary(solution: Solution) -> str:
         return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
     best = f"the best found is {changes}" if solution.steps else "no allowed change helps"
     return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
+
+
+def _figure(solution: Solution, trips: tuple[TripPart, ...]) -> str:
+    """Return what the changes do to bad floor, or to lost robots."""
+    name, changed = solution.environment.name, bool(solution.steps)
+    if not trips:
+        before, after = _amount(solution.before.state), _amount(solution.after.state)
+        figure = f"goes from {before} to {after}" if changed else f"stays {before}"
+        return f"bad floor of {name} {figure}"
+    before, after = worst_trip(trips, after=False), worst_trip(trips, after=True)
+    figure = f"goes from {before} to {after}" if changed else f"stays {before}"
+    text = f"the forecast share of lost robots on the worst trip through {name} {figure}"
+    if solution.met:
+        return f"{text}, and drives confirm the limit on each trip"
+    assert solution.requirement is not None
+    holds = solution.requirement.holds(solution.after.state)
+    return f"{text}, but drives do not confirm it" if holds else text
 
 
 def _amount(state: State) -> str:
@@ -193,7 +212,7 @@ def _floor(solution: Solution, mapped: MappedState) -> FloorPart:
         bad_share=mapped.state.bad / float(areas.sum()),
         corridor_area_m2=float(areas[CORRIDOR]),
         open_area_m2=float(areas[OPEN]),
-        value=None if solution.requirement is None else solution.requirement.value(areas),
+        value=None if solution.requirement is None else solution.requirement.value(mapped.state),
         audit_bad_share=bad_area(own) / max(float(own.sum()), 1e-9),
     )
 
@@ -219,23 +238,31 @@ def _step(solution: Solution, number: int, step: Step) -> StepPart:
 
 def _curve(solution: Solution) -> tuple[PointPart, ...]:
     """Return the best state of each cost and label, and which are not dominated."""
-    best: dict[tuple[str, float], float] = {}
+    best: dict[tuple[str, float], State] = {}
     for state in solution.states:
         key = state_label(state), round(state.cost, 4)
-        best[key] = min(best.get(key, math.inf), state.bad)
+        if key not in best or _left(state) < _left(best[key]):
+            best[key] = state
     counted = float(solution.before.state.areas.sum())
-    values = [(label, bad, cost) for (label, cost), bad in best.items()]
+    values = [(label, _left(state), cost) for (label, cost), state in best.items()]
     front = Front.of("cost", "cost", "", values)
     return tuple(
         PointPart(
             label=point.name,
             cost=point.against,
-            bad_area_m2=point.bad_area,
-            bad_share=point.bad_area / counted,
+            bad_area_m2=state.bad,
+            bad_share=state.bad / counted,
+            lost=None if state.lost is None else float(state.lost.max()),
             on_front=point.dominated_by is None,
         )
         for point in front.points
+        for state in [best[point.name, point.against]]
     )
+
+
+def _left(state: State) -> float:
+    """Return what a state leaves of what is to be less: lost robots of trips, or bad floor."""
+    return state.bad if state.lost is None else float(state.lost.max())
 
 
 def _remarks(solution: Solution) -> tuple[str, ...]:

@@ -20,7 +20,9 @@ from ambinav.studies.design.requirement.document import (
     money,
     state_label,
 )
+from ambinav.studies.design.requirement.requirement import LOST
 from ambinav.studies.design.requirement.study import Solution
+from ambinav.studies.design.requirement.trip_part import trip_text
 from ambinav.studies.study import Content, Progress, Study
 
 GEOJSON: Final = "changes.geojson"
@@ -58,6 +60,7 @@ def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
     obstacles = [step.obstacle for step in solution.steps if step.obstacle is not None]
     numbers = [k for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
     before, after = solution.before.amap, solution.after.amap
+    trips = (solution.after if placed else solution.before).trips
     return plot_placement(
         before,
         zones_after(before, after if placed else before),
@@ -68,27 +71,43 @@ def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
             kinds=tuple(one.kind for one in obstacles),
             numbers=tuple(numbers),
             improved=[(place.x_m, place.y_m) for place in report.improved],
+            routes=() if trips is None else [route.poses for route in trips.routes],
+            names={
+                name: at
+                for trip in report.trips
+                for name, at in ((trip.start, trip.start_m), (trip.goal, trip.goal_m))
+            },
         ),
         placed=placed,
     )
 
 
 def draw_curve(solution: Solution, report: Document) -> Figure:
-    """Draw bad floor over cost: the states that were looked at, those on the front joined."""
-    state, counted = solution.after.state, report.counted_area_m2
+    """Draw what is left over cost: the states that were looked at, those on the front joined."""
+    is_lost, wanted = bool(report.trips), solution.requirement
     limit = None
-    if solution.requirement is not None and solution.requirement.condition.quantity.name in BAD:
-        number = solution.requirement.condition.limit.number
-        share = solution.requirement.condition.quantity.unit == "%"
-        limit = number / 100.0 * counted if share else number, str(solution.requirement)
+    if wanted is not None and wanted.condition.quantity.name in (*BAD, LOST):
+        number = wanted.condition.limit.number
+        of_floor = wanted.condition.quantity.unit == "%" and not is_lost
+        limit = number / 100.0 * report.counted_area_m2 if of_floor else number, str(wanted)
+    left = report.after.value if is_lost else report.after.bad_area_m2
+    assert left is not None
     curve = CostCurve(
-        points=[CostPoint(point.cost, point.bad_area_m2, point.on_front) for point in report.curve],
-        chosen=(report.cost, report.after.bad_area_m2, state_label(state)),
-        counted=counted,
+        points=[
+            CostPoint(
+                point.cost,
+                point.bad_area_m2 if point.lost is None else 100.0 * point.lost,
+                point.on_front,
+            )
+            for point in report.curve
+        ],
+        chosen=(report.cost, left, state_label(solution.after.state)),
+        counted=None if is_lost else report.counted_area_m2,
         limit=limit,
         budget=report.budget,
     )
-    return plot_cost_curve(curve, f"Bad floor over cost: {report.environment}")
+    title = "Lost robots" if is_lost else "Bad floor"
+    return plot_cost_curve(curve, f"{title} over cost: {report.environment}")
 
 
 def content(solution: Solution, report: Document) -> Content:
@@ -108,6 +127,8 @@ def content(solution: Solution, report: Document) -> Content:
         "share": lambda share: f"{100.0 * share:.1f} %",
         "metres": lambda value: "" if value is None else f"{value:.2f}",
         "money": money,
+        "percent": lambda value: f"{value:.1f} %",
+        "trip": trip_text,
         "degrees": lambda value: "" if value is None else f"{value:.0f}°",
     }
     files = {GEOJSON: json.dumps(report.geojson, indent=1) + "\n"}

@@ -1,21 +1,22 @@
-"""A requirement: a condition on the zones of judged floor that the changed building must meet."""
+"""A requirement: a condition on judged floor, or on lost robots, that changes must meet."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
-from ambinav.reports.conditions import Condition, Quantities, parse_condition
+from ambinav.reports.conditions import Condition, Quantities, Quantity, parse_condition
 from ambinav.runtime.errors import InputError
 from ambinav.studies.audit.figures import QUANTITIES
 
-Areas: TypeAlias = Sequence[float] | NDArray[np.float64]
+Floats = NDArray[np.float64]
+Areas: TypeAlias = Sequence[float] | Floats
 """Square metres in each zone, in the order of `ZONES`."""
 BAD: Final = (CORRIDOR, OPEN)
 OPTION: Final = "requirement"
@@ -24,8 +25,21 @@ _ZONES: Final = {
 }  # fmt: skip
 
 
-def _read(codes: Sequence[int], unit: str) -> Callable[[Areas], float]:
-    def read(areas: Areas) -> float:
+class Changed(Protocol):
+    """A changed building, as far as requirements ask for it."""
+
+    @property
+    def areas(self) -> Floats:
+        """Judged floor in each zone, square metres, shape (zones,)."""
+
+    @property
+    def lost(self) -> Floats | None:
+        """Share of robots that get lost on each trip, shape (T,); None: there are no trips."""
+
+
+def _read(codes: Sequence[int], unit: str) -> Callable[[Changed], float]:
+    def read(changed: Changed) -> float:
+        areas = changed.areas
         area, total = float(sum(areas[code] for code in codes)), float(sum(areas))
         # Without any floor nothing is met.
         return math.nan if total == 0.0 else 100.0 * area / total if unit == "%" else area
@@ -33,35 +47,40 @@ def _read(codes: Sequence[int], unit: str) -> Callable[[Areas], float]:
     return read
 
 
+def _lost(changed: Changed) -> float:
+    return math.nan if changed.lost is None else 100.0 * float(changed.lost.max())
+
+
+LOST: Final = "lost"
 FIGURES: Final[Quantities] = {
     name: replace(
         QUANTITIES[name],
         read=_read(_ZONES[name.removesuffix(" area")], QUANTITIES[name].unit),
-        where=lambda areas: "",
+        where=lambda changed: "",
     )
     for zone in _ZONES
     for name in (zone, f"{zone} area")
-}
-"""The audit's figures that the areas of its zones (in the order of `ZONES`) decide."""
+} | {LOST: Quantity(LOST, "%", "share of robots that get lost on the worst trip", _lost)}
+"""Figures of requirements: those of an audit that the areas of zones decide, and lost robots."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement on the zones of the judged floor.
+    """A requirement on the zones of the judged floor, or on lost robots.
 
     Attributes:
-        condition: Condition that must hold; its quantity reads the areas of the zones.
+        condition: Condition that must hold; its quantity reads a changed building.
     """
 
     condition: Condition
 
     @classmethod
     def parse(cls, text: str) -> Requirement:
-        """Read a requirement such as "bad < 2 %".
+        """Read a requirement such as "bad < 2 %" or "lost < 5 %".
 
         Raises:
             InputError: it cannot be read, is about another figure, holds always or never, or asks
-                for bad floor, or for less localizable floor.
+                for bad floor, for less localizable floor or for more lost robots.
         """
         listed = f"a requirement is about {', '.join(FIGURES)}"
         condition = parse_condition(text, FIGURES, OPTION, listed)
@@ -70,30 +89,43 @@ class Requirement:
         if good != operator.startswith(">"):
             turned = operator.translate(str.maketrans("<>", "><"))
             limit = replace(condition.limit, operator=turned)
+            lost = condition.quantity.name == LOST
+            asked = "lost robots" if lost else f"{'localizable' if good else 'bad'} floor"
             raise InputError(
-                f'{OPTION}: "{condition}" asks for {"less" if good else "more"} '
-                f"{'localizable' if good else 'bad'} floor; a requirement says what must hold, "
-                f'e.g. "{replace(condition, limit=limit)}".'
+                f'{OPTION}: "{condition}" asks for {"less" if good else "more"} {asked}; a '
+                f'requirement says what must hold, e.g. "{replace(condition, limit=limit)}".'
             )
-        return cls(condition)
+        requirement = cls(condition)
+        if requirement.most_lost == 0.0:
+            raise InputError(
+                f'{OPTION}: "{condition}": no number of drives can confirm that none gets lost; '
+                f'write "{LOST} < 1 %".'
+            )
+        return requirement
 
     def __str__(self) -> str:
         """Return the requirement as it is written."""
         return str(self.condition)
 
-    def value(self, areas: Areas) -> float:
-        """Return the figure for areas of the zones, square metres, in its unit."""
-        value = self.condition.quantity.read(areas)
+    @property
+    def most_lost(self) -> float | None:
+        """Share of robots that may get lost; None: the requirement is about floor."""
+        is_lost = self.condition.quantity.name == LOST
+        return self.condition.limit.number / 100.0 if is_lost else None
+
+    def value(self, changed: Changed) -> float:
+        """Return the figure of a changed building in its unit."""
+        value = self.condition.quantity.read(changed)
         assert value is not None
         return value
 
-    def holds(self, areas: Areas) -> bool:
-        """Return whether it holds for areas of the zones, square metres, shape (zones,)."""
-        return self.condition.limit.holds(self.value(areas))
+    def holds(self, changed: Changed) -> bool:
+        """Return whether it holds for a changed building; lost robots by their forecast."""
+        return self.condition.limit.holds(self.value(changed))
 
-    def distance(self, areas: Areas) -> float:
-        """Return a figure that is the less the better the areas are for the requirement."""
-        value = self.value(areas)
+    def distance(self, changed: Changed) -> float:
+        """Return a figure that is the less the nearer a building comes to the requirement."""
+        value = self.value(changed)
         return value if self.condition.limit.operator.startswith("<") else -value
 
 

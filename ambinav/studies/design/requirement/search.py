@@ -17,14 +17,16 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.requirement.hardware import Hardware
-from ambinav.studies.design.requirement.requirement import Requirement, bad_area
+from ambinav.studies.design.requirement.requirement import Requirement
 from ambinav.studies.design.requirement.states import (
+    Batch,
     CountedFloor,
     Floats,
     ObstacleSearch,
     State,
     Terms,
 )
+from ambinav.studies.design.requirement.trip_forecasts import TripForecaster, TripLosses
 
 Build: TypeAlias = Callable[[Environment, RangeScanner], AmbiguityMap]
 SLACK: Final = 1e-9
@@ -38,10 +40,12 @@ class MappedState:
     Attributes:
         state: The state, its areas by the map.
         amap: The map, judged for the robot.
+        trips: Lost robots on the trips; None: there are none.
     """
 
     state: State
     amap: AmbiguityMap
+    trips: TripLosses | None = None
 
     @property
     def own_areas(self) -> Floats:
@@ -92,6 +96,7 @@ class ChangeSearch:
         requirement: What must hold; None: as little bad floor as the budget allows.
         budget: Largest cost; None: not limited.
         report: Given a text, returns what is called with the share done.
+        trips: Trips of a requirement on lost robots.
     """
 
     def __init__(
@@ -102,7 +107,9 @@ class ChangeSearch:
         requirement: Requirement | None,
         budget: float | None,
         report: Report,
+        trips: TripForecaster | None = None,
     ) -> None:
+        self.trips = trips
         self.environment, self.build, self.terms = environment, build, terms
         self.requirement, self.report = requirement, report
         self.limit = math.inf if budget is None else budget * (1.0 + SLACK)
@@ -146,6 +153,8 @@ class ChangeSearch:
         cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
         if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
             return
+        if self.trips is not None and not self._weight(hardware).any():
+            return
         self.tried[hardware] = replace(known, candidates=self._place(hardware))
 
     def nearest(self) -> State:
@@ -156,10 +165,18 @@ class ChangeSearch:
         )
 
     def meets(self, mapped: MappedState) -> bool:
-        """Return whether the requirement holds on the counted floor and in an audit."""
-        return self.requirement is not None and all(
-            self.requirement.holds(areas) for areas in (mapped.state.areas, mapped.own_areas)
-        )
+        """Return whether the requirement holds.
+
+        One on floor must hold on the counted floor and in an audit; one on lost robots by the
+        forecast and in drives.
+        """
+        if self.requirement is None:
+            return False
+        own = replace(mapped.state, areas=mapped.own_areas)
+        if not (self.requirement.holds(mapped.state) and self.requirement.holds(own)):
+            return False
+        most = self.requirement.most_lost
+        return most is None or mapped.trips is None or mapped.trips.confirms(most)
 
     def mapped(self, state: State) -> MappedState:
         """Return a state by a full map of the changed building."""
@@ -175,7 +192,10 @@ class ChangeSearch:
                 amap = self._map(edited, state.hardware)
                 reach = reach_of(edited, reach.radius, reach.start)
             areas = floor.with_map(amap).areas()
-            self._mapped[key] = MappedState(replace(state, areas=areas), amap.for_robot(reach))
+            losses = None if self.trips is None else self.trips.losses(amap, edited)
+            lost = None if losses is None else losses.lost
+            state = replace(state, areas=areas, lost=lost)
+            self._mapped[key] = MappedState(state, amap.for_robot(reach), losses)
         return self._mapped[key]
 
     def steps(self, best: State) -> tuple[Step, ...]:
@@ -209,7 +229,8 @@ class ChangeSearch:
         bare = self.with_nothing.hardware
         if hardware is bare:
             return ordered
-        gain = self.with_nothing.bad - bad_area(self._floor_of(hardware).areas())
+        weight = self._weight(bare)
+        gain = self._floor_of(bare).bad(weight) - self._floor_of(hardware).bad(weight)
         without = self._obstacles_of(bare).in_order(obstacles) if obstacles else ()
         first: list[Candidate | None] = []
         for obstacle, removed in without:
@@ -230,25 +251,45 @@ class ChangeSearch:
         chains = list(search.chains(trials))
         for number, chain in enumerate(chains):
             for count, batch in enumerate(chain, start=1):
-                for state in batch.states:
-                    self._consider(state)
+                self._consider_batch(batch)
                 done((number + count / most) / len(chains))
                 if batch.bound > self.limit or self._is_dear(batch.bound):
                     break
         done(1.0)
         return sum(len(each.candidates) for each in trials.values())
 
-    def _consider(self, state: State) -> None:
-        """Keep a state; take it as the solution if it is the cheapest that meets."""
+    def _consider_batch(self, batch: Batch) -> None:
+        """Keep the states of a batch, as far as they can be the solution."""
+        *fewer, every = batch.states
+        if self.trips is None:
+            fewer = list(batch.states)
+        elif self._is_payable(every.cost) and not self._consider(every):
+            # A forecast needs a map: if all obstacles do not do, fewer are not tried.
+            return
+        for state in fewer:
+            self._consider(state)
+
+    def _consider(self, state: State) -> bool:
+        """Keep a state; take it as the solution, and return True, if it is the cheapest so far."""
+        payable = self._is_payable(state.cost)
+        if self.trips is not None:
+            if not payable:
+                return False
+            # Until it has a map its areas are those of the weighted floor.
+            state = self.mapped(state).state
         self.states.append(state)
         if (
             self.requirement is not None
-            and state.cost <= self.limit
-            and not self._is_dear(state.cost)
-            and self.requirement.holds(state.areas)
+            and payable
+            and self.requirement.holds(state)
             and self.meets(self.mapped(state))
         ):
             self.best = state
+        return self.best is state
+
+    def _is_payable(self, cost: float) -> bool:
+        """Return whether a cost is within the budget and below that of the solution so far."""
+        return cost <= self.limit and not self._is_dear(cost)
 
     def _is_dear(self, cost: float) -> bool:
         """Return whether a cost is no less than that of the solution so far."""
@@ -256,8 +297,8 @@ class ChangeSearch:
 
     def _distance(self, state: State) -> float:
         if self.requirement is None:
-            return bad_area(state.areas)
-        return self.requirement.distance(state.areas)
+            return state.bad
+        return self.requirement.distance(state)
 
     def _floor_of(self, hardware: Hardware) -> CountedFloor:
         """Return the counted floor with the zones of a scanner's map, which is made once."""
@@ -271,7 +312,16 @@ class ChangeSearch:
 
     def _obstacles_of(self, hardware: Hardware) -> ObstacleSearch:
         floor = self._floor_of(hardware)
-        return ObstacleSearch(self.environment, hardware, self._bare[hardware], floor, self.terms)
+        weight = None if self.trips is None else self._weight(hardware)
+        return ObstacleSearch(
+            self.environment, hardware, self._bare[hardware], floor, self.terms, weight
+        )
+
+    def _weight(self, hardware: Hardware) -> Floats:
+        """Return the weight of each cell in a search of obstacles for a scanner, (ny, nx)."""
+        floor, amap = self._floor_of(hardware), self._bare[hardware]
+        losses = self.mapped(State(hardware, (), hardware.cost, floor.areas())).trips
+        return np.full(floor.mask.shape, amap.cell_area) if losses is None else losses.weights(amap)
 
     def _map(self, environment: Environment, hardware: Hardware) -> AmbiguityMap:
         self.maps += 1

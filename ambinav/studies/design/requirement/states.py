@@ -73,6 +73,10 @@ class CountedFloor:
         ).values  # fmt: skip
         return CountedFloor(self.mask, np.where(zone < len(ZONES), zone, self.zone), self.amap)
 
+    def bad(self, weight: Floats) -> float:
+        """Return the weight of the bad cells that count; of each cell, shape (ny, nx)."""
+        return float(weight[self.mask & np.isin(self.zone, BAD)].sum())
+
     def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
         """Return the area in each zone, square metres, shape (zones,); of a part of the floor."""
         zone = self.zone[self.mask if mask is None else self.mask & mask]
@@ -89,12 +93,14 @@ class State:
         obstacles: The additional obstacles.
         cost: Of all changes.
         areas: Counted floor in each zone, square metres, shape (zones,).
+        lost: Forecast share of robots that get lost on each trip, shape (T,); None: without trips.
     """
 
     hardware: Hardware
     obstacles: tuple[Candidate, ...]
     cost: float
     areas: Floats
+    lost: Floats | None = None
 
     @property
     def bad(self) -> float:
@@ -147,6 +153,9 @@ class ObstacleSearch:
         amap: Its map.
         floor: Floor that counts, with the zones of this map.
         terms: Terms of obstacles.
+        weight: Weight of each cell of the map, square metres, shape (ny, nx): obstacles are to help
+            where it is above zero, and the areas of their states are sums of it. None: the cells'
+            area.
     """
 
     def __init__(
@@ -156,21 +165,18 @@ class ObstacleSearch:
         amap: AmbiguityMap,
         floor: CountedFloor,
         terms: Terms,
+        weight: Floats | None = None,
     ) -> None:
-        self.environment, self.hardware, self.floor, self.terms = (
-            environment,
-            hardware,
-            floor,
-            terms,
-        )
+        self.environment, self.hardware, self.terms = environment, hardware, terms
         self.rules = {kind: terms.rules(kind, hardware) for kind in terms.most}
         reflective = any(rule.reflective for rule in self.rules.values())
         reflective |= environment.has_reflectors
         setting = MapSetting.of(amap, hardware.scanner, reflective)
         free = setting.lattice(environment)[0].free
-        point = np.flatnonzero(floor.mask[free])
-        weight = np.full(len(point), amap.cell_area)
-        places = Places(point, np.full(len(point), ALL_HEADINGS), weight, len(point))
+        if weight is None:
+            weight = np.full(free.shape, amap.cell_area)
+        point = np.flatnonzero((floor.mask & (weight > 0.0))[free])
+        places = Places(point, np.full(len(point), ALL_HEADINGS), weight[free][point], len(point))
         self.effects = Effects(environment, setting, places)
         self.elsewhere = floor.areas(~free)
 

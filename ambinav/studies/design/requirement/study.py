@@ -26,6 +26,7 @@ from ambinav.studies.design.requirement.search import (
     TriedHardware,
 )
 from ambinav.studies.design.requirement.states import State, Terms
+from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,7 @@ class Solution:
         tried: Every allowed scanner.
         maps: Number of full maps.
         remarks: Remarks for the reader, in sentences.
+        trips: Trips that a requirement on lost robots is about; else None.
     """
 
     environment: Environment
@@ -61,6 +63,7 @@ class Solution:
     tried: tuple[TriedHardware, ...]
     maps: int
     remarks: tuple[str, ...]
+    trips: TripForecaster | None = None
 
     @property
     def after(self) -> MappedState:
@@ -85,6 +88,7 @@ def meet_requirement(
     requirement: Requirement | None = None,
     budget: float | None = None,
     keep_out: BaseGeometry | None = None,
+    trips: TripForecaster | None = None,
     source: str = "costs",
     report: Report = lambda text: lambda share: None,
 ) -> Solution:
@@ -101,17 +105,24 @@ def meet_requirement(
         requirement: What must hold; None: as little bad floor as the budget allows.
         budget: Largest cost; None: not limited.
         keep_out: Polygons that no obstacle may touch.
+        trips: Trips of a requirement on lost robots.
         source: Names the costs in messages.
         report: Given a text, returns what is called with the share done.
 
     Raises:
-        InputError: neither requirement nor budget is given, a change has no cost, a building in
-            space, a passage narrower than the robot, no floor counts, or the polygons leave no
-            place for any obstacle.
+        InputError: neither requirement nor budget is given, a requirement on lost robots without
+            trips or trips without one, a change has no cost, a building in space, a passage
+            narrower than the robot, no floor counts, or the polygons leave no place for any
+            obstacle.
     """
     plane_only(environment, "what would meet a requirement")
     if requirement is None and budget is None:
         raise InputError('requirement: none is given; write one such as "bad < 2 %", or --budget.')
+    if (trips is None) is not (requirement is None or requirement.most_lost is None):
+        raise InputError(
+            "requirement: trips are needed for one on lost robots, and are for no other; give "
+            '"lost < 5 %" and the trips.'
+        )
     if budget is not None and not (math.isfinite(budget) and budget >= 0.0):
         raise InputError(f"--budget: {budget:g} is not zero or above; give an amount, e.g. 500.")
     allowed.check(costs, source)
@@ -125,7 +136,7 @@ def meet_requirement(
         reach,
         keep_out,
     )
-    search = ChangeSearch(environment, build, terms, requirement, budget, report)
+    search = ChangeSearch(environment, build, terms, requirement, budget, report, trips)
     # A scanner that meets it alone bounds what obstacles may cost.
     for hardware in options:
         search.map_alone(hardware)
@@ -138,5 +149,7 @@ def meet_requirement(
     return Solution(
         environment, scanner, requirement, budget, allowed, terms, before, steps,
         None if requirement is None else search.meets(end), tuple(search.states),
-        tried, search.maps, (*remarks, *dict.fromkeys(search.reasons)),
+        tried, search.maps,
+        (*remarks, *dict.fromkeys(search.reasons), *(trips.notes if trips is not None else ())),
+        trips,
     )  # fmt: skip

@@ -30,6 +30,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "hall.wkt").write_text("POLYGON ((0 0, 8 0, 8 6, 0 6, 0 0))")
     (tmp_path / "laser.yaml").write_text(LASER)
     (tmp_path / "costs.yaml").write_text(COSTS)
+    (tmp_path / "long.wkt").write_text("POLYGON ((0 0, 16 0, 16 8, 0 8, 0 0))")
+    (tmp_path / "places.yaml").write_text("places: {west: [1.5, 4], east: [14.5, 4]}")
     (tmp_path / "all.wkt").write_text("POLYGON ((-1 -1, 9 -1, 9 7, -1 7, -1 -1))")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -67,6 +69,34 @@ def test_a_report_is_written(folder) -> None:
         assert len(picture.convert("RGB").resize((80, 40)).getcolors(3200) or ()) > 5
 
 
+def test_a_report_on_lost_robots_is_written(folder) -> None:
+    (folder / "longer.yaml").write_text(LASER.replace("2.5", "6").replace("bench", "longer"))
+    (folder / "costs.yaml").write_text("{post: 40, scanner: {longer.yaml: 90}}")
+    arguments = ["design", "for", "long.wkt", "lost < 10 %", *ASKED[1:], "--may", "posts=1,scanner"]
+    arguments += ["--places", "places.yaml", "--candidates", "4", "-o", "out"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "worst trip" in result.stdout
+    report = Document.model_validate_json((folder / "out" / "report.json").read_text())
+    assert report.met
+    assert [(trip.start, trip.goal) for trip in report.trips] == [
+        ("west", "east"),
+        ("east", "west"),
+    ]
+    worst = max(trip.after.lost for trip in report.trips)
+    assert report.after.value == pytest.approx(100.0 * worst, abs=0.01)
+    assert all(trip.after.driven.high <= 0.1 for trip in report.trips)
+    assert all(trip.before.driven.low > 0.1 for trip in report.trips)
+    front = [point.lost for point in report.curve if point.on_front]
+    assert front == sorted(front, reverse=True)
+    text, page = ((folder / "out" / f"report.{kind}").read_text() for kind in ("md", "html"))
+    assert f"| west | east | {report.trips[0].after.length_m:.2f} |" in text
+    assert "product" in page
+    for document in (text, page):
+        assert "drives confirm the limit" in document
+        assert "{{" not in document
+
+
 def test_what_cannot_be_met_ends_with_status_3(folder) -> None:
     result = run("bad < 1 %", "--may", "posts=1", "--candidates", "6", "--json")
     assert result.exit_code == 3, result.output
@@ -102,6 +132,15 @@ def test_a_budget_below_everything_changes_nothing(folder) -> None:
         ("localizable < 5 %", "posts=2", (), "asks for less localizable floor"),
         ("bad < 5 m2", "posts=2", (), 'write "bad area < 5 m²"'),
         ("bad < 5 %", "posts=2", ("--cost", "none.yaml"), "none.yaml"),
+        ("lost < 5 %", "posts=2", (), "--places: \"lost < 5 %\" is about trips between places"),
+        ("bad < 5 %", "posts=2", ("--places", "places.yaml"), "--places is for a requirement on"),
+        ("bad < 5 %", "posts=2", ("--odometry", "poor"), "is for a requirement on lost robots"),
+        ("lost < 5 %", "posts=2", ("--places", "no.yaml"), "no.yaml: the file cannot be read"),
+        ("lost < 5 %", "posts=2", ("--places", "places.yaml"), "east at (14.5, 4) m is outside of"),
+        (
+            "lost < 5 %", "posts=2", ("--places", "places.yaml", "--localizer", "magic"),
+            "--localizer: ",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_a_sentence(folder, required, may, more, said) -> None:

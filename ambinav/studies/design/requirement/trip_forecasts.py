@@ -1,0 +1,195 @@
+"""Forecasts of trips: how likely robots get lost on them in a building and its changed versions.
+
+A robot takes the shortest route, as in an audit. A route that new obstacles leave free stays the
+shortest; else it is searched for in the changed building.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.drive.robot import Robot
+from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner
+from ambinav.forecasting.forecast import Forecast, Forecaster
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.reach import Reach, reach_of
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.motion.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
+from ambinav.routes.sampled import PLANNER, PlaceGraph, graph_step
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.studies.design.requirement.trips import Trip
+
+Floats = NDArray[np.float64]
+MakeForecaster: TypeAlias = Callable[[AmbiguityMap, Sequence[Route]], Forecaster]
+
+STEP: Final = 0.2
+"""Metres between points of the graph on which routes are found, as in an audit."""
+NEAR: Final = 0.5
+"""Metres from a trip's route within which floor counts for the search."""
+SAFE: Final = 1e-3
+"""Share of lost robots below which a trip needs no help."""
+RUNS: Final = 1024
+"""Largest number of drives of a trip."""
+SEED: Final = 0
+"""Seed of the drives, so that the same command reports the same figures."""
+
+
+@dataclass(frozen=True, eq=False)
+class TripLosses:
+    """Lost robots on T trips in one building with one scanner.
+
+    Attributes:
+        routes: Route of each trip.
+        forecasts: Forecast of each route.
+        forecaster: Forecaster of the building's map.
+        robot: The robot that drives.
+    """
+
+    routes: tuple[Route, ...]
+    forecasts: tuple[Forecast, ...]
+    forecaster: Forecaster
+    robot: Robot
+    _driven: dict[tuple[int, float], Ensemble] = field(default_factory=dict)
+
+    @cached_property
+    def lost(self) -> Floats:
+        """Forecast share of robots that get lost on each trip, shape (T,)."""
+        return np.array([forecast.lost_probability for forecast in self.forecasts])
+
+    def confirms(self, threshold: float) -> bool:
+        """Return whether drives of each trip confirm that fewer than a share gets lost."""
+        worst_first = np.argsort(-self.lost, kind="stable").tolist()
+        return all(self.driven(number, threshold).side == "below" for number in worst_first)
+
+    def driven(self, number: int, threshold: float) -> Ensemble:
+        """Drive a trip until it is known whether fewer than a share of robots gets lost."""
+        key = number, threshold
+        if key not in self._driven:
+            rng = np.random.default_rng(SEED)
+            self._driven[key] = self._runner.drive(self.routes[number], rng, RUNS, until=threshold)
+        return self._driven[key]
+
+    @cached_property
+    def _runner(self) -> EnsembleRunner:
+        return self.forecaster.runner(self.robot)
+
+    def weights(self, amap: AmbiguityMap) -> Floats:
+        """Return the weight of each cell of a map in a search, square metres, shape (ny, nx).
+
+        Its area by the largest share of robots that get lost on a trip that passes within `NEAR`.
+        """
+        data = amap.dataset
+        x, y = np.meshgrid(data["x"].values, data["y"].values)
+        points = shapely.points(x, y)
+        share = np.zeros(x.shape)
+        for route, lost in zip(self.routes, self.lost.tolist(), strict=True):
+            if lost >= SAFE:
+                line = shapely.LineString(route.poses[:, :2])
+                shapely.prepare(line)
+                share = np.maximum(share, lost * shapely.dwithin(line, points, NEAR))
+        return share * amap.cell_area
+
+
+class TripForecaster:
+    """Routes and forecasts of trips in a building and its changed versions.
+
+    Args:
+        environment: The building.
+        reach: Floor that the robot reaches.
+        trips: The trips.
+        make: Makes the forecaster of a map for routes.
+        source: Names the file of the places in messages.
+
+    Attributes:
+        trips: The trips.
+        notes: Warnings of the forecasts, such as on a scanner without calibration.
+
+    Raises:
+        InputError: the robot does not fit at a place, or there is no route of a trip.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        reach: Reach,
+        trips: Sequence[Trip],
+        make: MakeForecaster,
+        source: str = "places",
+    ) -> None:
+        self.trips = tuple(trips)
+        self.notes: dict[str, None] = {}
+        self._reach, self._make, self._source = reach, make, source
+        self._robot = Robot(radius=reach.radius)
+        checker = self._checker(environment)
+        for trip in trips:
+            for name, (x, y) in ((trip.start, trip.start_at), (trip.goal, trip.goal_at)):
+                reason = checker.why_not(x, y)
+                if reason is not None:
+                    raise InputError(
+                        f"{source}: places: {name} at ({x:g}, {y:g}) m is {reason}; move it."
+                    )
+        self._routes = self._shortest(environment, range(len(self.trips)))
+
+    def losses(self, amap: AmbiguityMap, environment: Environment) -> TripLosses:
+        """Return the lost robots in a changed building.
+
+        Args:
+            amap: Its map.
+            environment: The building, with additional obstacles or none.
+
+        Raises:
+            InputError: there is no route of a trip any more.
+        """
+        routes = list(self._routes)
+        checker = self._checker(environment)
+        blocked = [
+            k
+            for k, route in enumerate(routes)
+            if not checker.motions_free(route.poses[:-1], route.poses[1:]).all()
+        ]
+        for k, route in zip(blocked, self._shortest(environment, blocked), strict=True):
+            routes[k] = route
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", InputWarning)
+            forecaster = self._make(amap, routes)
+        self.notes |= dict.fromkeys(
+            str(note.message) for note in caught if issubclass(note.category, InputWarning)
+        )
+        forecasts = tuple(map(forecaster, routes))
+        return TripLosses(tuple(routes), forecasts, forecaster, self._robot)
+
+    def _checker(self, environment: Environment) -> CollisionChecker:
+        return CollisionChecker(environment, Footprint.disc(self._reach.radius), Steering("r2"))
+
+    def _shortest(self, environment: Environment, numbers: Sequence[int]) -> tuple[Route, ...]:
+        """Return the shortest routes of some trips."""
+        if not numbers:
+            return ()
+        reach = reach_of(environment, self._reach.radius, self._reach.start)
+        with warnings.catch_warnings():
+            # Floor that is cut off on the graph: a trip to there is refused below.
+            warnings.simplefilter("ignore", InputWarning)
+            graph = PlaceGraph.of(environment, reach, graph_step(reach, STEP))
+        routes = []
+        for k in numbers:
+            trip = self.trips[k]
+            points = graph.between(trip.start_at, trip.goal_at)
+            if points is None:
+                raise InputError(
+                    f"{self._source}: no route from {trip.start} to {trip.goal} on explored floor "
+                    f"that a robot of radius {reach.radius:g} m reaches; move the places, give "
+                    "--start or a smaller --robot-radius."
+                )
+            routes.append(Route.through(points, planner=PLANNER))
+        return tuple(routes)

@@ -1,0 +1,78 @@
+"""Trips between named places, as the user's file lists them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import Annotated, Final, TypeAlias
+
+from pydantic import Field
+
+from ambinav.config import ConfigModel, Number, checked, nearest, parse_yaml, read_text, row
+from ambinav.runtime.errors import InputError
+
+EXAMPLE: Final = "places: {dock: [1.5, 2.0], shelf: [8.0, 5.5]}"
+Position: TypeAlias = Annotated[
+    tuple[Number, Number], row(2, "give x and y in metres, e.g. [1.5, 2.0]")
+]
+Ends: TypeAlias = Annotated[
+    tuple[str, str], row(2, "give the names of two places, e.g. [dock, shelf]")
+]
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A trip that robots make.
+
+    Attributes:
+        start: Name of the place where it starts.
+        goal: Name of the place where it ends.
+        start_at: x and y of the start, metres, map frame.
+        goal_at: Likewise of the goal.
+    """
+
+    start: str
+    goal: str
+    start_at: tuple[float, float]
+    goal_at: tuple[float, float]
+
+    @property
+    def title(self) -> str:
+        """Both names."""
+        return f"{self.start} to {self.goal}"
+
+
+class PlacesFile(ConfigModel):
+    """Named places, and the trips between them.
+
+    Attributes:
+        places: x and y of each place, metres, map frame, by name.
+        trips: Start and goal of each trip; empty: from each place to each other one.
+    """
+
+    places: dict[str, Position] = Field(min_length=2)
+    trips: tuple[Ends, ...] = ()
+
+
+def read_trips(path: str | Path) -> tuple[Trip, ...]:
+    """Read a file of places and trips.
+
+    Raises:
+        InputError: it cannot be read, has an unknown key, names fewer than two places, or a trip
+            is from or to a place that it does not name, leads nowhere or is listed twice.
+    """
+    path = Path(path)
+    plain = parse_yaml(read_text(path), str(path), f"write a line such as `{EXAMPLE}`")
+    listed = checked(PlacesFile, plain, str(path))
+    trips = listed.trips or tuple(permutations(listed.places, 2))
+    for number, trip in enumerate(trips):
+        where = f"{path}: trips[{number}]"
+        for name in trip:
+            if name not in listed.places:
+                offer = nearest(name, tuple(listed.places))
+                raise InputError(f"{where}: {name!r} is no place; {offer}.")
+        if trip[0] == trip[1] or trip in trips[:number]:
+            fault = "leads nowhere" if trip[0] == trip[1] else "is listed twice"
+            raise InputError(f"{where}: {trip[0]} to {trip[1]} {fault}; leave it out.")
+    return tuple(Trip(a, b, listed.places[a], listed.places[b]) for a, b in trips)
