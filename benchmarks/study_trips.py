@@ -1,8 +1,9 @@
 """Do fewer robots get lost on trips after the advice of `ambinav design for "lost < 5 %"`?
 
 In each building 16 routes are sampled between random places, and the two on which most robots with
-the turtlebot3-lds get lost by the forecast are the trips. Maps have cells of 0.2 m. Allowed are
-six posts (40 each), three panels (60) and the rplidar-a1 (400); the costs are invented.
+the turtlebot3-lds and poor odometry get lost by the forecast are the trips. Maps have cells of
+0.2 m. Allowed are six posts (40 each), three panels (60) and the rplidar-a1 (400); the costs are
+invented.
 
 - The advice is driven again, with other random numbers than those that confirmed it: 300 drives a
   trip, paired before and after, with the localizer that it is for and with two others that the
@@ -14,7 +15,8 @@ six posts (40 each), three panels (60) and the rplidar-a1 (400); the costs are i
 
 Criterion, written before the first run: where the advice says that it is met, at most 5 % of the
 robots with its own localizer get lost in the new drives, or the interval includes 5 %; it leaves
-fewer lost robots than each random placement.
+fewer lost robots than each random placement (a first run with mediocre odometry, where two of
+eight buildings lost robots, had beaten 38 of 40).
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from harness import arguments, environment_of, option, report, table
+from harness import arguments, option, report, table
+from lost_case import building
 from study_requirements import SPACING, random_posts, rules_of
 
 from ambinav.drive.bootstrap import share
@@ -50,9 +53,10 @@ from ambinav.studies.design.requirement.trip_forecasts import STEP, TripForecast
 from ambinav.studies.design.requirement.trips import Trip
 
 BUILDINGS = (
-    "demo", "nav2_depot", "belgioioso", "mrpt_uwb_hall", "navrep_markclutter",
-    "stata_hallways_5cm", "aces", "freiburg-079",
+    "demo", "nav2_depot", "belgioioso", "stata_hallways_5cm", "aces", "infinite-corridor",
+    "hall-1", "hall-2", "warehouse-1", "warehouse-2", "corridor-1", "corridor-2", "loop-1",
 )  # fmt: skip
+"""Recorded ones and drawn ones, as `lost_case.building` knows them."""
 SCANNER = "turtlebot3-lds"
 COSTS = Costs(post=40, panel=60, scanner={"rplidar-a1": 400})
 REQUIRED = Requirement.parse("lost < 5 %")
@@ -93,7 +97,7 @@ def main() -> None:
     args = arguments(
         __doc__,
         environments=option(BUILDINGS),
-        odometry=option("mediocre", choices=tuple(ODOMETRIES)),
+        odometry=option("poor", choices=tuple(ODOMETRIES)),
         drives=300,
         random=20,
         seed=1,
@@ -135,7 +139,7 @@ def main() -> None:
 
 def case_of(name: str, odometry: str) -> Case:
     """Return a building with the trips on which most robots get lost."""
-    environment, scanner = environment_of(name), RangeScanner.from_preset(SCANNER)
+    environment, scanner = building(name), RangeScanner.from_preset(SCANNER)
     reach = find_reach(environment, robot_radius(scanner))
     routes = sample_routes(
         environment, reach, SAMPLED, np.random.default_rng(0), step=graph_step(reach, STEP)
