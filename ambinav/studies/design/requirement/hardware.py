@@ -74,19 +74,29 @@ def hardware_options(
                 other = at_mount_of(scanner, RangeScanner.load(listed))
             except InputError as error:
                 raise InputError(f"{source}: scanner: {error}") from error
-            options += _with_listed(scanner, other, cost, allowed)
+            options += _with_listed(scanner, other, cost, allowed, costs.mount)
     options.sort(key=lambda option: option.cost)
     return tuple(options), tuple(remarks)
 
 
 def _with_listed(
-    scanner: RangeScanner, other: RangeScanner, cost: float, allowed: Allowed
+    scanner: RangeScanner,
+    other: RangeScanner,
+    cost: float,
+    allowed: Allowed,
+    mount_cost: float | None,
 ) -> Iterator[Hardware]:
     """Yield the changes to which a listed scanner leads."""
     if allowed.scanner and other.name != scanner.name:
         reach = f"{other.max_range:g} m, {math.degrees(other.aperture):.0f}°"
         title = f"Use {other.name} ({reach}) instead of {scanner.name}"
         yield Hardware("scanner", other.name, title, cost, other)
+        if allowed.mount and mount_cost is not None:
+            for change in other_mounts(other):
+                yield Hardware(
+                    "scanner", f"{other.name} in the centre",
+                    f"{title}, mounted in the robot's centre", cost + mount_cost, change.scanner,
+                )  # fmt: skip
     if allowed.second_scanner and (behind := turned(other)) is not None:
         title = f"Mount a second scanner, {other.name}, turned half a turn about the robot's centre"
         both = RangeScanner.mixed(scanner, behind, name=f"{scanner.name} and {other.name}")

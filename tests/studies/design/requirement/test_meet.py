@@ -209,6 +209,19 @@ def test_a_second_scanner_looks_the_other_way() -> None:
     np.testing.assert_allclose(np.unique(both.mounts[:, 0]), (-0.2, 0.2), atol=1e-9)
 
 
+def test_another_scanner_is_also_tried_in_the_centre() -> None:
+    ahead = an.RangeScanner.planar(SHORT.sensors[0], 20, np.pi, mount=(0.2, 0.0, 0.0), name="ahead")
+    costs = Costs(mount=5.0, scanner={"sick-tim571": 99, "rplidar-a1": 20})
+    options, _ = hardware_options(ahead, Allowed.parse("mount,scanner"), costs, "costs")
+    # One that looks all around is no better there.
+    assert [(option.label, option.cost) for option in options] == [
+        ("", 0.0), ("in the centre", 5.0), ("rplidar-a1", 20.0), ("sick-tim571", 99.0),
+        ("sick-tim571 in the centre", 104.0),
+    ]  # fmt: skip
+    np.testing.assert_allclose(options[-1].scanner.mounts[:, :2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(options[-2].scanner.mounts[:, 0], 0.2, atol=1e-9)
+
+
 @pytest.mark.slow
 def test_how_often_mixed_kinds_are_as_cheap_as_the_best_of_all_sets() -> None:
     """In a corridor posts help only in pairs, which greedy does not foresee: 7 of 10."""
