@@ -289,15 +289,23 @@ def _with_cell_state(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> Oc
 
     For `free`, those whose centre it contains.
     """
+    painted = grid.state.copy()
+    # Part by part: between parts that are far apart lie all cells of a map.
+    for part in shapely.get_parts(shape):
+        _paint(grid, painted, part, state)
+    return replace(grid, state=painted, checksum="")
+
+
+def _paint(grid: OccupancyGrid, states: NDArray[np.uint8], shape: BaseGeometry, state: int) -> None:
+    """Write a state to the cells that a shape meets; arguments as of `_with_cell_state`."""
     xmin, ymin, xmax, ymax = shape.bounds
     columns, rows = grid.to_cells(
         np.array([xmin, xmax, xmax, xmin]), np.array([ymin, ymin, ymax, ymax])
     )
     low = np.maximum(np.floor([rows.min(), columns.min()]).astype(int), 0)
     high = np.floor([rows.max(), columns.max()]).astype(int) + 1
-    part = tuple(slice(a, max(a, b)) for a, b in zip(low, high, strict=True))
-    cells = grid.state[part]
-    row, column = np.indices(cells.shape) + low[:, None, None]
+    window = states[tuple(slice(a, max(a, b)) for a, b in zip(low, high, strict=True))]
+    row, column = np.indices(window.shape) + low[:, None, None]
     shapely.prepare(shape)
     if state == FREE:
         met = shapely.contains_xy(shape, *grid.to_world(column + 0.5, row + 0.5))
@@ -305,6 +313,4 @@ def _with_cell_state(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> Oc
         corner = [(column, row), (column + 1, row), (column + 1, row + 1), (column, row + 1)]
         squares = np.stack([np.stack(grid.to_world(*at), axis=-1) for at in corner], axis=-2)
         met = shapely.intersects(shape, shapely.polygons(squares))
-    painted = grid.state.copy()
-    painted[part][met] = state
-    return replace(grid, state=painted, checksum="")
+    window[met] = state

@@ -146,6 +146,18 @@ def test_cells_of_an_occupancy_map_follow() -> None:
     assert cleared.occupancy.state_at(*at) != OCCUPIED
 
 
+def test_cells_under_several_obstacles_are_those_under_each() -> None:
+    rng = np.random.default_rng(4)
+    state = np.zeros((60, 80), dtype=np.uint8)
+    state[[0, -1]] = state[:, [0, -1]] = OCCUPIED
+    env = environment_from_grid(OccupancyGrid(state, 0.1, (1.0, 2.0, 0.3)), gap=0.1)
+    at = np.column_stack(env.occupancy.to_world(rng.uniform(5, 75, 4), rng.uniform(5, 55, 4)))
+    posts = [Obstacle.post(x, y, 0.2) for x, y in at.tolist()]
+    each = [env.edited(add=[post]).occupancy.state for post in posts]
+    together = env.edited(add=posts).occupancy.state
+    np.testing.assert_array_equal(together == OCCUPIED, np.any(np.array(each) == OCCUPIED, axis=0))
+
+
 @pytest.mark.parametrize(
     ("add", "remove", "says"),
     [

@@ -14,7 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.place.candidates import Candidate
+from ambinav.studies.design.place.candidates import Candidate, apart
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.requirement.hardware import Hardware
 from ambinav.studies.design.requirement.requirement import Requirement
@@ -29,6 +29,8 @@ from ambinav.studies.design.requirement.states import (
 from ambinav.studies.design.requirement.trip_forecasts import TripForecaster, TripLosses
 
 Build: TypeAlias = Callable[[Environment, RangeScanner], AmbiguityMap]
+KEPT: Final = 24
+"""States whose maps are kept in memory; others are mapped again when they are needed."""
 SLACK: Final = 1e-9
 """Sums of the same costs may differ by this share because of rounding."""
 
@@ -195,6 +197,8 @@ class ChangeSearch:
             losses = None if self.trips is None else self.trips.losses(amap, edited)
             lost = None if losses is None else losses.lost
             state = replace(state, areas=areas, lost=lost)
+            if len(self._mapped) >= KEPT:
+                del self._mapped[next(iter(self._mapped))]
             self._mapped[key] = MappedState(state, amap.for_robot(reach), losses)
         return self._mapped[key]
 
@@ -256,7 +260,40 @@ class ChangeSearch:
                 if batch.bound > self.limit or self._is_dear(batch.bound):
                     break
         done(1.0)
-        return sum(len(each.candidates) for each in trials.values())
+        candidates = [candidate for each in trials.values() for candidate in each.candidates]
+        if self.trips is not None:
+            self._place_by_causes(hardware, candidates)
+        return len(candidates)
+
+    def _place_by_causes(self, hardware: Hardware, candidates: Sequence[Candidate]) -> None:
+        """Put up one obstacle after the other near where most robots get lost by the forecast."""
+        floor, terms = self._floor_of(hardware), self.terms
+        passage = max(terms.rules(kind, hardware).min_passage for kind in terms.most)
+        current = self.mapped(State(hardware, (), hardware.cost, floor.areas()))
+        most = sum(terms.most.values())
+        done = self.report(f"{hardware.name}: obstacles where robots get lost")
+        for count in range(most):
+            assert current.trips is not None
+            chosen = current.state.obstacles
+            states = [
+                State(hardware, obstacles, hardware.cost + terms.cost(obstacles), floor.areas())
+                for candidate in current.trips.near_cause(candidates)
+                if terms.allows(obstacles := (*chosen, candidate))
+                and all(apart(candidate, other, passage) for other in chosen)
+            ]
+            for state in states:
+                self._consider(state)
+            best, largest = current, 0.0
+            for state in states:
+                if self._is_payable(state.cost):
+                    mapped = self.mapped(state)
+                    gain = _saved(current.state, mapped.state)
+                    if gain > largest:
+                        best, largest = mapped, gain
+            done((count + 1) / most)
+            if best is current:
+                break
+            current = best
 
     def _consider_batch(self, batch: Batch) -> None:
         """Keep the states of a batch, as far as they can be the solution."""
@@ -326,3 +363,10 @@ class ChangeSearch:
     def _map(self, environment: Environment, hardware: Hardware) -> AmbiguityMap:
         self.maps += 1
         return self.build(environment, hardware.scanner)
+
+
+def _saved(before: State, after: State) -> float:
+    """Return by how much fewer robots get lost for what is paid, on the worst trip."""
+    assert before.lost is not None
+    assert after.lost is not None
+    return float(before.lost.max() - after.lost.max()) / (after.cost - before.cost)

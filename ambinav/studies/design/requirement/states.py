@@ -6,6 +6,7 @@ search. So a larger budget never leaves more bad floor, and a laxer requirement 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -138,6 +139,11 @@ class Terms:
     rules: Callable[[Kind, Hardware], PlaceRules]
     reach: Reach
     keep_out: BaseGeometry | None = None
+
+    def allows(self, obstacles: Sequence[Candidate]) -> bool:
+        """Return whether there are no more of a kind than are allowed."""
+        count = Counter(obstacle.kind for obstacle in obstacles)
+        return all(number <= self.most[kind] for kind, number in count.items())
 
     def cost(self, obstacles: Sequence[Candidate]) -> float:
         """Return the price of some obstacles."""

@@ -6,6 +6,7 @@ shortest; else it is searched for in the changed building.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import PLANNER, PlaceGraph, graph_step
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.studies.design.place.candidates import Candidate
 from ambinav.studies.design.requirement.trips import Trip
 
 Floats = NDArray[np.float64]
@@ -39,6 +41,8 @@ NEAR: Final = 0.5
 """Metres from a trip's route within which floor counts for the search."""
 SAFE: Final = 1e-3
 """Share of lost robots below which a trip needs no help."""
+TRIED: Final = 6
+"""Candidates of a kind that are tried near a place where robots get lost."""
 RUNS: Final = 1024
 """Largest number of drives of a trip."""
 SEED: Final = 0
@@ -83,6 +87,20 @@ class TripLosses:
     @cached_property
     def _runner(self) -> EnsembleRunner:
         return self.forecaster.runner(self.robot)
+
+    def near_cause(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates near where most robots of the worst trip get lost, nearest first.
+
+        At most `TRIED` of each kind; none where the forecast names no such place.
+        """
+        causes = self.forecasts[int(self.lost.argmax())].causes
+        if not causes:
+            return []
+        at = causes[0].x, causes[0].y
+        kinds: dict[str, list[Candidate]] = {}
+        for candidate in sorted(candidates, key=lambda each: math.dist(each.middle, at)):
+            kinds.setdefault(candidate.kind, []).append(candidate)
+        return [candidate for nearest in kinds.values() for candidate in nearest[:TRIED]]
 
     def weights(self, amap: AmbiguityMap) -> Floats:
         """Return the weight of each cell of a map in a search, square metres, shape (ny, nx).
