@@ -299,6 +299,23 @@ def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
 
 
 @pytest.mark.slow
+def test_seconds_of_a_plan_are_seen_but_not_read_out(page):
+    shown = page.evaluate(
+        """async () => {
+            const main = document.querySelector("script[type=module]").src;
+            const { saySeconds } = await import(main.replace("main.js", "dom.js"));
+            const status = document.body.appendChild(document.createElement("p"));
+            const end = saySeconds(status, "Planning");
+            await new Promise((resolve) => setTimeout(resolve, 1500));
+            end();
+            const read = status.cloneNode(true);
+            read.querySelectorAll("[aria-hidden=true]").forEach((part) => part.remove());
+            return [status.textContent, read.textContent];
+        }"""
+    )
+    assert shown == ["Planning 1 s", "Planning"]
+
+
 def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
     pytest.importorskip("ambinav_planners.registry")
     page.get_by_role("tab", name="Routes").click()

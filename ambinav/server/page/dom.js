@@ -46,11 +46,13 @@ export function eachFrame(action) {
   };
 }
 
-/** Say a text, and with it how many seconds it lasts; returns what ends that. */
-export function saySeconds(say, text) {
+/** Say a text in a status, with the seconds that it lasts beside it; returns what ends that. */
+export function saySeconds(status, text) {
   const begun = performance.now();
-  say(text);
-  const timer = setInterval(() => say(`${text} ${Math.round((performance.now() - begun) / 1000)} s`), 1000);
+  // A status is read out whenever it changes, so screen readers are not to hear the seconds.
+  const seconds = h("span", { "aria-hidden": "true" });
+  fill(status, text, seconds);
+  const timer = setInterval(() => (seconds.textContent = ` ${Math.round((performance.now() - begun) / 1000)} s`), 1000);
   return () => clearInterval(timer);
 }
 

@@ -76,9 +76,8 @@ export class EditPanel {
   #status() {
     const { working, trouble, tool } = this.store.values;
     this.#end();
-    const say = (text) => (this.said.textContent = text);
-    if (working && !trouble) this.#end = saySeconds(say, "Working out the map …");
-    else say(trouble ?? HINTS[tool]);
+    if (working && !trouble) this.#end = saySeconds(this.said, "Working out the map …");
+    else this.said.textContent = trouble ?? HINTS[tool];
     this.said.classList.toggle("error", Boolean(trouble));
     this.element.toggleAttribute("aria-busy", Boolean(working));
   }

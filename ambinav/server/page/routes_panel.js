@@ -129,7 +129,8 @@ export class RoutesPanel {
   async #run(text, job) {
     this.#planning?.abort();
     const mine = (this.#planning = new AbortController());
-    const end = saySeconds((now) => mine === this.#planning && this.say(now), text);
+    this.say("");
+    const end = saySeconds(this.message, text);
     this.cancelButton.hidden = false;
     this.element.setAttribute("aria-busy", "true");
     try {
