@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from pathlib import Path
 
 import numpy as np
 from harness import arguments, environment_path, recorded_maps, report, table
@@ -23,6 +22,7 @@ from scipy.sparse import csr_array, hstack, identity
 
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import find_reach
+from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.reflectors.positioning import Site
 from ambinav.layers.reflectors.targets import Targets
@@ -44,6 +44,11 @@ SMALL, OF = 4, 12
 SECONDS = 60.0
 RULES = ReflectorRules()
 POSTS = PlaceRules(radius=0.05, reflective=True, most=PLACES)
+LASER = RangeSensor(
+    min_range=0.5, max_range=25.0, std=0.01, resolution=0.001,
+    intensity=Intensity(wall=0.3, reflector=1.0, std=0.15),
+)  # fmt: skip
+SCANNER = RangeScanner.planar(LASER, 1440, 2.0 * math.pi)
 MAPS = ("nav2_depot", "willow_full_010", "belgioioso", "intel", "stata_basement", "f1_berlin")
 
 
@@ -51,18 +56,14 @@ def main() -> None:
     """Run every building, then report."""
     args = arguments(__doc__, maps=("all",), seed=1)
     rows, small = [], []
-    laser = RangeSensor(
-        min_range=0.5, max_range=25.0, std=0.01, resolution=0.001,
-        intensity=Intensity(wall=0.3, reflector=1.0, std=0.15),
-    )  # fmt: skip
-    scanner = RangeScanner.planar(laser, 1440, 2.0 * math.pi)
     for path in (environment_path("demo"), *recorded_maps()):
         wanted = args.maps if "all" not in args.maps else ("demo", *MAPS)
         if path.stem not in wanted:
             continue
         rng = np.random.default_rng(args.seed)
+        environment = load_environment(path)
         begin = time.process_time()
-        search = search_of(path, scanner)
+        search = search_of(environment)
         seconds = time.process_time() - begin
         for count in COUNTS:
             begin = time.process_time()
@@ -75,7 +76,7 @@ def main() -> None:
             values = (floor, ours, spread, max(drawn), float(np.mean(drawn)), bound, took)
             rows.append((path.stem, str(count), *(f"{value:.1f}" for value in values)))
             print(*rows[-1], flush=True)
-        part = search_of(path, scanner, neighbours(search, rng))
+        part = search_of(environment, neighbours(search, rng))
         ours = served(part, part.place(SMALL))
         best = max(
             served(part, subset)
@@ -100,15 +101,14 @@ def main() -> None:
     report("Reflectors: against simpler rivals", ["numpy", "numba", "scipy"], body, args.out)
 
 
-def search_of(path: Path, scanner: RangeScanner, few: list[int] | None = None) -> Search:
+def search_of(environment: Environment, few: list[int] | None = None) -> Search:
     """Return the search in a building, among some of its candidates."""
-    environment = load_environment(path)
-    amap = build_map(environment, scanner, spacing=SPACING, store=False)
+    amap = build_map(environment, SCANNER, spacing=SPACING, store=False)
     reach = find_reach(environment, RADIUS)
-    site = Site.of(LayerContext.of(amap, environment, scanner), RULES)
+    site = Site.of(LayerContext.of(amap, environment, SCANNER), RULES)
     counted = amap.for_robot(reach).judged.counted[site.lattice.free]
     points = np.column_stack(site.lattice.points)[counted]
-    positions = Positions(environment, POSTS, points, scanner.max_range, reach.floor)
+    positions = Positions(environment, POSTS, points, SCANNER.max_range, reach.floor)
     candidates, _ = positions.spread_evenly(PLACES)
     if few is not None:
         candidates = tuple(candidates[i] for i in few)

@@ -101,6 +101,7 @@ LOCALIZERS: Final = Registry(
         "mcl": "ambinav.drive.own_localizers:MCL",
         "amcl": "ambinav.drive.own_localizers:AMCL",
         "ekf": "ambinav.drive.own_localizers:EKF",
+        "reflectors": "ambinav.drive.reflector_localizer:REFLECTORS",
         "perfect": "ambinav.drive.own_localizers:PERFECT",
         "odometry": "ambinav.drive.own_localizers:ODOMETRY",
         "program": "ambinav.drive.program_localizer:PROGRAM",

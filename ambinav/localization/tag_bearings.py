@@ -70,15 +70,6 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
     lines = shapely.linestrings(segments.xy[segments.reflectors].reshape(-1, 2, 2))
     tags = shapely.get_parts(shapely.line_merge(shapely.union_all(lines)))
     corners = [shapely.get_coordinates(tag) for tag in tags]
-    rows = []
-    for sensor in (scanner.sensors[k] for k in scanner.sensor_of_beam[beam]):
-        channel = sensor.intensity
-        assert channel is not None  # of `intensity_beams`
-        middle, apart = channel.wall + channel.reflector, channel.reflector - channel.wall
-        # Intensity at which the normal densities have the ratio SURE to 1 - SURE.
-        bright = middle / 2.0 + channel.std**2 * math.log(SURE / (1.0 - SURE)) / apart
-        rows.append((bright, max(sensor.min_range, channel.min_range), sensor.max_range))
-    bright, near, far = np.ascontiguousarray(np.array(rows).T)
     steps = np.diff(np.sort(np.mod(scanner.mounts[beam, 2], 2.0 * math.pi)))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else WIDEST
     return TagModel(
@@ -86,12 +77,34 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
         np.cumsum([0, *map(len, corners)]),
         beam,
         scanner.axes(beam),
-        bright,
-        near,
-        far,
+        *bright_readings(scanner, beam),
         step * step / 12.0,
         map_std**2,
     )
+
+
+def bright_readings(
+    scanner: RangeScanner, beams: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return from which intensity, and in which ranges, beams with the channel are surely bright.
+
+    Args:
+        scanner: The scanner.
+        beams: Some of its `intensity_beams`, shape (K,).
+
+    Returns:
+        `TagModel.bright`, `near` and `far` of these beams, each of shape (K,).
+    """
+    rows = []
+    for sensor in (scanner.sensors[k] for k in scanner.sensor_of_beam[beams]):
+        channel = sensor.intensity
+        assert channel is not None  # of `intensity_beams`
+        middle, apart = channel.wall + channel.reflector, channel.reflector - channel.wall
+        # Intensity at which the normal densities have the ratio SURE to 1 - SURE.
+        bright = middle / 2.0 + channel.std**2 * math.log(SURE / (1.0 - SURE)) / apart
+        rows.append((bright, max(sensor.min_range, channel.min_range), sensor.max_range))
+    bright, near, far = np.ascontiguousarray(np.array(rows).T)
+    return bright, near, far
 
 
 @kernel
