@@ -19,6 +19,8 @@ STRETCHES = (0.0, 2.0, 5.0, 10.0, 20.0)
 """Bounds of the longest stretch of a route that is not navigable, metres."""
 SURE = 0.25
 """A robot that is lost, and claims a smaller standard deviation of its position, metres."""
+NO_EVENT = 3.7
+"""Upper end of the interval of a Poisson mean without an event, where resampling gives a point."""
 Row = dict[str, Any]
 Floats = NDArray[np.float64]
 
@@ -115,7 +117,9 @@ def hazards(rows: Sequence[Row], name: str, kinds: Sequence[str]) -> str:
         metres = sum(row[f"{name}_metres"][k] for row in rows)
         onsets = sum(row[f"{name}_onsets"][k] for row in rows)
         rate = "not driven"
-        if metres:
+        if metres and not onsets:
+            rate = f"0.00 (below {100.0 * NO_EVENT / metres:.2f})"
+        elif metres:
             with np.errstate(divide="ignore", invalid="ignore"):
                 figure = resampled(rows, lambda w, k=k: 100.0 * per_metre(rows, name, w, k))
             rate = f"{figure.value:.2f} ({figure.low:.2f} to {figure.high:.2f})"

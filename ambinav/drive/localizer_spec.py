@@ -77,6 +77,7 @@ class LocalizerSpec:
         suited: Parameters that the scenario leaves out, as they suit the scanner; takes what is
             given too.
         note: One sentence on parameters that cannot use the scanner; None where they can.
+        check: Raises `InputError` if it cannot be used in a building or with a scanner.
         files: Files, beside its source, that its estimates depend on.
         runs_command: Whether its parameters name a program that runs with the user's rights.
     """
@@ -89,6 +90,7 @@ class LocalizerSpec:
     defaults: Callable[[Motion], Mapping[str, Any]] = lambda motion: {}
     suited: Callable[[RangeScanner, Mapping[str, Any]], Mapping[str, Any]] = lambda *given: {}
     note: Callable[[Any, RangeScanner], str | None] = lambda parameters, scanner: None
+    check: Callable[[Environment, RangeScanner], None] = lambda environment, scanner: None
     files: Callable[[Any], Iterable[Path]] = lambda parameters: ()
     runs_command: bool = False
 
@@ -176,6 +178,11 @@ class ChosenLocalizer:
         """Explain why a localizer cannot use the scanner; None if it can."""
         with LOCALIZERS.calling(self.spec.name):
             return self.spec.note(self.parameters, scanner)
+
+    def check(self, environment: Environment, scanner: RangeScanner) -> None:
+        """Raise `InputError` if the localizer cannot be used in a building or with a scanner."""
+        with LOCALIZERS.calling(self.spec.name):
+            self.spec.check(environment, scanner)
 
     def make(self, context: LocalizerContext) -> Localizer | None:
         """Make the localizer; None means one that returns the true pose.

@@ -18,6 +18,7 @@ from ambinav.casting.scans import plane_only
 from ambinav.config import NonNegative, Positive, Share, check_fields
 from ambinav.drive.localizer_spec import LocalizerContext, LocalizerSpec
 from ambinav.drive.localizers import DeadReckoning, Floats, Localizer
+from ambinav.geometry.environment import Environment
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, why_no_reflectors
 from ambinav.localization.information import as_map_std, beam_noise
@@ -26,6 +27,7 @@ from ambinav.localization.reflector_detection import reflector_beams
 from ambinav.localization.reflector_update import update_by_reflectors
 from ambinav.localization.reflector_view import ReflectorMap
 from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
 
 
 @dataclass(frozen=True)
@@ -69,23 +71,13 @@ class ReflectorLocalizer(DeadReckoning):
         context: Map, scanner and odometry.
 
     Raises:
-        InputError: the building has no reflectors, or is one in space; or the scanner measures no
-            intensities.
+        InputError: see `check_reflectors`.
     """
 
     def __init__(self, parameters: ReflectorParameters, context: LocalizerContext) -> None:
         super().__init__(context.noise, context.runs)
         environment, scanner = context.environment, context.scanner
-        plane_only(environment, "navigation by reflectors")
-        reason = why_no_reflectors(scanner)
-        if reason is not None:
-            raise InputError(f"scanner {scanner.name!r} recognises no reflectors: {reason}")
-        if not environment.has_reflectors:
-            raise InputError(
-                f"{environment.name}: it has no reflectors, and the localizer 'reflectors' knows "
-                "nothing else; add features of the kind 'reflector' (docs/howto/reflectors.md), or "
-                "choose another localizer."
-            )
+        check_reflectors(environment, scanner)
         self._environment, self._scanner, self._rules = environment, scanner, parameters.rules
         self._targets = Targets.of(environment)
         self._map = ReflectorMap(
@@ -127,6 +119,24 @@ class ReflectorLocalizer(DeadReckoning):
         return used > 0
 
 
+def check_reflectors(environment: Environment, scanner: RangeScanner) -> None:
+    """Check that a scanner can recognise reflectors in a building.
+
+    Raises:
+        InputError: the building has none, or is one in space; the scanner measures no intensities.
+    """
+    plane_only(environment, "navigation by reflectors")
+    reason = why_no_reflectors(scanner)
+    if reason is not None:
+        raise InputError(f"scanner {scanner.name!r} recognises no reflectors: {reason}")
+    if not environment.has_reflectors:
+        raise InputError(
+            f"{environment.name}: it has no reflectors, and the localizer 'reflectors' knows "
+            "nothing else; add features of the kind 'reflector' (docs/howto/reflectors.md), or "
+            "choose another localizer."
+        )
+
+
 def _made(parameters: ReflectorParameters, context: LocalizerContext) -> Localizer:
     return ReflectorLocalizer(parameters, context)
 
@@ -136,5 +146,6 @@ REFLECTORS = LocalizerSpec(
     title="a Kalman filter on reflectors alone",
     make=_made,
     parameters=ReflectorParameters,
+    check=check_reflectors,
 )
 """Navigation by reflectors alone."""

@@ -93,6 +93,10 @@ def load_scenario(
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     environment = _environment(scenario, path, scanner)
+    try:
+        localizer.check(environment, scanner)
+    except InputError as error:
+        raise InputError(f"{path}: localizer: {error}") from error
     return ScenarioBundle(scenario, path.parent, environment, scanner, force, trust)
 
 

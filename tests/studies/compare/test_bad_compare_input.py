@@ -36,6 +36,17 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         lambda p: p["localizer"].update(z_hit=1.5),
         "localizer: z_hit is 1.5; give 0 to 1",
     ),
+    "reflectors without intensities": (
+        lambda p: p.update(localizer="reflectors"),
+        "localizer: scanner 'laser' recognises no reflectors: it measures no intensities",
+    ),
+    "no reflectors": (
+        lambda p: (
+            p.update(localizer="reflectors"),
+            p["scanner"]["parts"][0].update(intensity={"wall": 0.3, "reflector": 1, "std": 0.1}),
+        ),
+        "localizer: flat: it has no reflectors, and the localizer 'reflectors' knows nothing else",
+    ),
     "start in a wall": (
         lambda p: p["pairs"][0].update(start=[3.5, 1.5]),
         "pair 'there', route 'shortest': start (3.5, 1.5) is behind a wall, 0.30 m",
