@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ambinav.drive.bootstrap import Interval, grouped_weights, paired_share, percentiles, share
 from ambinav.studies.design.reflectors.study import GOOD, STATES
 
-LAYOUTS = ("planned", "random", "none")
+LAYOUTS = ("planned", "for two", "random", "none")
+"""`for two`: planned for two reflectors in view instead of three."""
 IN_VIEW = ("0", "1", "2", "3 or more")
 STRETCHES = (0.0, 2.0, 5.0, 10.0, 20.0)
 """Bounds of the longest stretch of a route that is not navigable, metres."""
@@ -31,7 +32,7 @@ def body(about: str, rows: Sequence[Row]) -> str:
     navigable = [row for row in seeing if row["stretch"] == 0.0]
     times = hazard_ratio(seeing)
     wide = interval_of(navigable)
-    gain = difference(rows)
+    gains = (percent(difference(rows, arm)) for arm in LAYOUTS[:2])
     parts = [
         about.strip(),
         f"Driven at: {commits(rows)}.",
@@ -39,9 +40,9 @@ def body(about: str, rows: Sequence[Row]) -> str:
         f"- In a metre of floor that the layer does not call navigable robots lose themselves "
         f"{times.value:.0f} times as often ({times.low:.0f} to {times.high:.0f}) as in one that it "
         f"does.\n- On the {len(navigable)} drives of routes that are navigable throughout "
-        f"{percent(wide)} of the robots are lost.\n- Planned less random: {percent(gain)} of the "
-        "robots lost, in points.",
-        "## Where robots lose themselves, planned and random layouts together",
+        f"{percent(wide)} of the robots are lost.\n- Lost with planned layouts less lost with random "
+        "ones, in points: {}; with those for two in view {}.".format(*gains),
+        "## Where robots lose themselves, all layouts together",
         hazards(seeing, "state", STATES),
         hazards(seeing, "view", IN_VIEW),
         "Of routes, by their longest stretch that is not navigable:",
@@ -74,10 +75,10 @@ def percent(interval: Interval) -> str:
     return f"{value:.1f} % ({low:.1f} to {high:.1f})"
 
 
-def difference(rows: Sequence[Row]) -> Interval:
-    """Return the share of robots lost with planned layouts, less that with random ones."""
+def difference(rows: Sequence[Row], layout: str) -> Interval:
+    """Return the share of robots lost with a kind of layouts, less that with random ones."""
     (ours, group), (theirs, _) = (
-        lost_of([row for row in rows if row["layout"] == arm]) for arm in ("planned", "random")
+        lost_of([row for row in rows if row["layout"] == arm]) for arm in (layout, "random")
     )
     return paired_share(ours, theirs, group=group)
 
@@ -154,27 +155,12 @@ def layouts(rows: Sequence[Row]) -> str:
     lines = []
     for name in (*dict.fromkeys(row["building"] for row in rows), "all"):
         part = [row for row in rows if name in (row["building"], "all")]
-        shares = [
-            np.mean(lost_of([row for row in part if row["layout"] == arm])[0]) for arm in LAYOUTS
-        ]
-        good = [
-            sum(row["state_metres"][GOOD] for row in part if row["layout"] == arm)
-            / sum(sum(row["state_metres"]) for row in part if row["layout"] == arm)
-            for arm in LAYOUTS[:2]
-        ]
-        routes = len([row for row in part if row["layout"] == "none"])
-        lines.append(
-            (
-                name,
-                routes,
-                *(f"{value:.0%}" for value in (*good, *shares)),
-                percent(difference(part)),
-            )
-        )
-    head = (
-        "building", "routes", "navigable, planned", "random", "lost, planned", "random",
-        "none", "planned less random, points",
-    )  # fmt: skip
+        by_arm = {arm: [row for row in part if row["layout"] == arm] for arm in LAYOUTS}
+        lost = [np.mean(lost_of(by_arm[arm])[0]) for arm in LAYOUTS]
+        gains = (percent(difference(part, arm)) for arm in LAYOUTS[:2])
+        lines.append((name, len(by_arm["none"]), *(f"{value:.0%}" for value in lost), *gains))
+    head = ("building", "routes", *(f"lost, {arm}" for arm in LAYOUTS),
+            "planned less random, points", "for two less random")  # fmt: skip
     return table(head, lines)
 
 
@@ -184,15 +170,14 @@ def arms(rows: Sequence[Row]) -> str:
     for arm in LAYOUTS:
         part = [row for row in rows if row["layout"] == arm]
         lost, _ = lost_of(part)
-        sure = sum(sum(row["sure"]) for row in part)
+        sure = sum(sum(row["sure"]) for row in part) / max(lost.sum(), 1)
         error = np.median([error for row in part for error in row["rmse"]] or [np.nan])
+        floor = ["", ""]
+        if arm != "none":
+            metres = sum(row["length"] for row in part)
+            floor = [f"{sum(row[k] for row in part) / metres:.0%}" for k in ("navigable", "unseen")]
         lines.append(
-            (
-                arm,
-                len(lost),
-                percent(interval_of(part)),
-                f"{sure / max(lost.sum(), 1):.0%}",
-                f"{error:.3f}",
-            )
+            (arm, len(lost), *floor, percent(interval_of(part)), f"{sure:.0%}", f"{error:.3f}")
         )
-    return table(("layout", "robots", "lost", "sure", "error, m"), lines)
+    head = ("layout", "robots", "route navigable", "none in view", "lost", "sure", "error, m")
+    return table(head, lines)
