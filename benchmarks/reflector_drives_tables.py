@@ -40,8 +40,8 @@ def body(about: str, rows: Sequence[Row]) -> str:
         f"- In a metre of floor that the layer does not call navigable robots lose themselves "
         f"{times.value:.0f} times as often ({times.low:.0f} to {times.high:.0f}) as in one that it "
         f"does.\n- On the {len(navigable)} drives of routes that are navigable throughout "
-        f"{percent(wide)} of the robots are lost.\n- Lost with planned layouts less lost with random "
-        "ones, in points: {}; with those for two in view {}.".format(*gains),
+        f"{percent(wide)} of the robots are lost.\n- Lost with planned layouts, less lost with "
+        f"random ones, in points: {'; for two in view '.join(gains)}.",
         "## Where robots lose themselves, all layouts together",
         hazards(seeing, "state", STATES),
         hazards(seeing, "view", IN_VIEW),
