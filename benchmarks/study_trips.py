@@ -61,8 +61,8 @@ SCANNER = "turtlebot3-lds"
 COSTS = Costs(post=40, panel=60, scanner={"rplidar-a1": 400})
 REQUIRED = Requirement.parse("lost < 5 %")
 SAMPLED, TRIPS = 16, 2
-OTHERS = ("amcl", "ekf")
-"""Localizers of which the advice knows nothing."""
+DRIVEN = ("product", "amcl", "ekf")
+"""Localizers that drive; the advice is for one of the first two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +98,14 @@ def main() -> None:
         __doc__,
         environments=option(BUILDINGS),
         odometry=option("poor", choices=tuple(ODOMETRIES)),
+        localizer=option("product", "what the advice is for", choices=DRIVEN[:2]),
         drives=300,
         random=20,
         seed=1,
     )
     advice, driven, rivals = [], [], []
     for name in args.environments:
-        case = case_of(name, args.odometry)
+        case = case_of(name, args)
         begin = time.perf_counter()
         solution = case.solve("posts=6,panels=3,scanner", requirement=REQUIRED, trips=case.trips)
         seconds = time.perf_counter() - begin
@@ -123,7 +124,7 @@ def main() -> None:
         print(*advice[-1], flush=True)
         if not solution.steps:
             continue
-        for localizer in ("product", *OTHERS):
+        for localizer in DRIVEN:
             shares = [drive(state, localizer, args) for state in (solution.before, solution.after)]
             driven.append((name, localizer, *shares))
             print(*driven[-1], flush=True)
@@ -137,16 +138,16 @@ def main() -> None:
     )
 
 
-def case_of(name: str, odometry: str) -> Case:
+def case_of(name: str, args: Any) -> Case:
     """Return a building with the trips on which most robots get lost."""
     environment, scanner = building(name), RangeScanner.from_preset(SCANNER)
     reach = find_reach(environment, robot_radius(scanner))
     routes = sample_routes(
         environment, reach, SAMPLED, np.random.default_rng(0), step=graph_step(reach, STEP)
     )
-    lost = Forecaster(mapped(environment, scanner), odometry, routes=routes).lost_probabilities(
-        routes
-    )
+    which = args.odometry, args.localizer
+    known = Forecaster(mapped(environment, scanner), *which, routes=routes)
+    lost = known.lost_probabilities(routes)
     worst = [routes[k] for k in np.argsort(-lost, kind="stable")[:TRIPS]]
     trips = [
         Trip(f"start {k}", f"goal {k}", (x0, y0), (x1, y1))
@@ -155,7 +156,7 @@ def case_of(name: str, odometry: str) -> Case:
     ]
 
     def forecaster(amap: AmbiguityMap, routes: Sequence[Route]) -> Forecaster:
-        return Forecaster(amap, odometry, "product", routes=routes)
+        return Forecaster(amap, *which, routes=routes)
 
     return Case(environment, scanner, reach, TripForecaster(environment, reach, trips, forecaster))
 
@@ -164,12 +165,14 @@ def drive(state: MappedState, localizer: str, args: Any) -> str:
     """Return the share of robots that get lost in new drives of all trips, with its interval."""
     losses = state.trips
     assert losses is not None
-    runner = losses.forecaster.runner(losses.robot)
-    if localizer in OTHERS:
+    if localizer == "ekf":
         runner = EnsembleRunner(
             state.amap.environment, state.state.hardware.scanner, localizer, robot=losses.robot,
             noise=ODOMETRIES[args.odometry],
         )  # fmt: skip
+    else:
+        forecaster = Forecaster(state.amap, args.odometry, localizer, routes=losses.routes)
+        runner = forecaster.runner(losses.robot)
     lost = [
         runner.drive(route, np.random.default_rng([args.seed, number]), args.drives).lost
         for number, route in enumerate(losses.routes)
