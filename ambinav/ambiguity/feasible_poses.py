@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.casting.plane.fan import scan_plan
+from ambinav.casting.plane.fan import distinct_rows, scan_plan
 from ambinav.casting.space import SpaceCaster, SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -59,12 +59,13 @@ def can_stand(
         left = np.flatnonzero(good)
         good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], theta)
         return good
-    sensors = np.unique(scanner.mounts[:, :2], axis=0)
-    off = np.hypot(*sensors.T)
-    sensors, off = sensors[off > AT_CENTRE], off[off > AT_CENTRE]
+    mounts = scanner.mounts[:, :2]
+    sensors = mounts[np.hypot(*mounts.T) > AT_CENTRE]
     left = np.flatnonzero(good)
     if not (len(sensors) and len(left)):
         return good
+    sensors, _ = distinct_rows(sensors)
+    off = np.hypot(*sensors.T)
     x, y = x[left], y[left]
     distance, _, _ = scan_plan(
         env, x, y, np.full(len(left), theta), np.zeros((len(sensors), 2)),

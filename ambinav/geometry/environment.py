@@ -187,7 +187,7 @@ class Environment:
     def surface_normals(self) -> NDArray[np.float64]:
         """Unit normals of the surfaces that rays hit: of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
-            return self.normals(np.arange(len(self.segments)))
+            return self.segments.normals
         return self.space.surface_normal
 
     @property
@@ -334,10 +334,7 @@ class Environment:
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
         """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
         index = np.asarray(segment, dtype=np.int64)
-        xy = self.segments.xy[np.maximum(index, 0)]
-        along = xy[..., 2:] - xy[..., :2]
-        normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal = self.segments.normals[np.maximum(index, 0)]
         return np.where((index >= 0)[..., None], normal, np.nan)
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:

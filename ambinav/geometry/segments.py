@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -47,6 +48,14 @@ class Segments:
     def __len__(self) -> int:
         """Return the number of segments."""
         return len(self.xy)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals, shape (N, 2), left of a to b."""
+        along = self.xy[:, 2:] - self.xy[:, :2]
+        normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return normal
 
     @property
     def walls(self) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.casting.plane.fan import counter_clockwise, first_edges, scan_plan
+from ambinav.casting.plane.fan import counter_clockwise, distinct_rows, first_edges, scan_plan
 from ambinav.geometry.environment import Environment
 from tests.geometry import scenes
 
@@ -284,3 +284,12 @@ def test_a_fan_parts_at_the_corners_of_its_first_triangle(where: str) -> None:
         np.testing.assert_array_equal(got, twin[expected])
         assert lows[0] == 0 and (highs[: pieces - 1] == lows[1:pieces]).all()
         assert (highs[:pieces] > lows[:pieces]).all() and (through == -1).all()
+
+
+@pytest.mark.parametrize("rows", [[[0.1, 0.2]] * 3, [[0.2, 0.1], [0.1, 0.2], [0.2, 0.1]], []])
+def test_distinct_rows_are_those_of_numpy(rows: list[list[float]]) -> None:
+    given = np.array(rows).reshape(-1, 2)
+    for ours, theirs in zip(
+        distinct_rows(given), np.unique(given, axis=0, return_inverse=True), strict=True
+    ):
+        assert np.array_equal(ours, theirs)

@@ -80,7 +80,7 @@ def scan_plan(
     mesh = scene.triangulation.arrays(scene.border_segment, scene.border_lines)
     # One layout: columns of an array of poses would be compiled for anew.
     x, y, theta = map(np.ascontiguousarray, (x, y, theta))
-    origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
+    origins, which = distinct_rows(ray_origin.reshape(-1, 2))
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
         mine = mine[counter_clockwise(ray_angle[mine])]
@@ -93,6 +93,16 @@ def scan_plan(
     return distance, edge, oblique
 
 
+def distinct_rows(
+    rows: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the distinct rows, sorted, and which of them each row is."""
+    if (rows == rows[:1]).all():
+        # The rays of one sensor: sorting their origins takes longer than casting them.
+        return rows[:1], np.zeros(len(rows), dtype=np.intp)
+    return np.unique(rows, axis=0, return_inverse=True)
+
+
 def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the order of the rays, counter-clockwise from the widest gap on.
 
@@ -101,10 +111,12 @@ def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
     """
     turned = np.mod(angles, 2 * math.pi)
     order = np.argsort(turned, kind="stable")
-    gaps = np.diff(turned[order], append=turned[order[0]] + 2 * math.pi)
+    ascending = turned[order]
+    gaps = np.append(ascending[1:], ascending[0] + 2 * math.pi) - ascending
     widest = np.flatnonzero(gaps > gaps.max() - EQUAL)
     after = (widest + 1) % len(order)
-    return np.roll(order, -after[order[after].argmin()])
+    first = after[order[after].argmin()]
+    return np.concatenate([order[first:], order[:first]])
 
 
 @kernel(inline="always")
