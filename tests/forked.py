@@ -28,11 +28,16 @@ for line in sys.stdin:
 
 
 class ForkServer:
-    """A process with these modules; each script runs in a copy of it, as in a fresh process."""
+    """A process with these modules; each script runs in a copy of it, as in a fresh process.
 
-    def __init__(self, environment: Mapping[str, str], *modules: str) -> None:
+    Modules are sought in `folder` first: the working folder of the process.
+    """
+
+    def __init__(
+        self, environment: Mapping[str, str], *modules: str, folder: Path | None = None
+    ) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER, *modules], env=environment, text=True,
+            [sys.executable, "-c", SERVER, *modules], env=environment, text=True, cwd=folder,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
 

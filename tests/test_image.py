@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 from typer.main import get_command
 
 from ambinav.cli import app
+from tests.forked import ForkServer
 
 ROOT = Path(__file__).parents[1]
 WARM = "/tmp/warm"
@@ -112,31 +114,46 @@ def test_what_is_copied_makes_the_wheel(tmp_path: Path) -> None:
     assert list((tmp_path / "dist").glob("ambinav-*.whl"))
 
 
-@pytest.mark.slow(minutes=1)
-def test_what_the_image_compiles_leaves_nothing_to_compile(tmp_path: Path) -> None:
+@pytest.fixture
+def ambinav() -> Iterator[ForkServer]:
+    """Runs the commands, and says which machine code they read or write."""
+    modules = ("cli.audit", "studies.audit.report", "map_building.build", "server.http.app")
+    environment = {**os.environ, "NUMBA_DEBUG_CACHE": "1"}
+    server = ForkServer(environment, *(f"ambinav.{name}" for name in modules))
+    yield server
+    server.close()
+
+
+@pytest.mark.slow(minutes=0.5)
+def test_what_the_image_compiles_leaves_nothing_to_compile(
+    tmp_path: Path, ambinav: ForkServer
+) -> None:
     """By the names of the machine code that is read or written: what the tests share is used."""
     run = next(rest for name, rest in instructions() if name == "RUN" and WARM in rest)
-    warm = tmp_path / "warm"
+    (tmp_path / "call.py").write_text("from ambinav.cli import main\nmain()\n")
+
+    def code(*words: str) -> set[str]:
+        status, printed, errors = ambinav(tmp_path, "call.py", *words)
+        assert status == 0, errors
+        return set(re.findall(r"data (?:loaded from|saved to) '(.*)'", printed))
+
+    # The shell itself puts the arguments together, line by line.
+    line = run.partition(f"&& rm -r {WARM}")[0].replace(WARM, "warm")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    environment = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PATH": path}
-
-    def shell(line: str) -> set[str]:
-        done = subprocess.run(
-            line,
-            shell=True,
-            env=environment,
-            cwd=tmp_path,
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        return set(re.findall(r"data (?:loaded from|saved to) '(.*)'", done.stdout))
-
-    compiled = shell(run.partition(f"&& rm -r {WARM}")[0].replace(WARM, str(warm)))
-    building = ROOT / "ambinav" / "demo" / "demo.geojson"
-    audit = shell(f"ambinav audit {building} -s rplidar-a1 --spacing 0.5 --no-advice -o report")
-    assert len(audit) > 10 and audit <= compiled
-    plan = shell(
-        f"ambinav plan {warm / 'map.zarr'} --start 3 3 --goal 20 13 --planner reference -o r.csv"
+    calls = subprocess.run(
+        'ambinav() { printf "%s\\t" "$@"; echo; }; ' + line, shell=True, check=True,
+        capture_output=True, text=True, env={**os.environ, "PATH": path},
+    ).stdout  # fmt: skip
+    arguments = [call.split("\t")[:-1] for call in calls.splitlines()]
+    assert [words[0] for words in arguments] == ["audit", "plan", "serve"]
+    compiled = set().union(*(code(*words) for words in arguments))
+    building = str(ROOT / "ambinav" / "demo" / "demo.geojson")
+    audit = code(
+        "audit", building, "-s", "rplidar-a1", "--spacing", "0.5", "--no-advice", "-o", "report"
     )
+    assert len(audit) > 10 and audit <= compiled
+    plan = code(
+        "plan", "warm/map.zarr", "--start", "3", "3", "--goal", "20", "13",
+        "--planner", "reference", "-o", "r.csv",
+    )  # fmt: skip
     assert len(plan) > 10 and plan <= compiled

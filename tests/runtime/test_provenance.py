@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from ambinav.maps.content_digest import environment_digest
 from ambinav.runtime import provenance
 from ambinav.runtime.errors import InputWarning
 from ambinav.runtime.provenance import STAMP, Provenance, code_digest, digest_of, discard_stale
+from tests.forked import ForkServer
 from tests.studies.compare.conftest import SCENARIO, write
 
 ROOT = Path(__file__).parents[2]
@@ -36,29 +36,39 @@ UNLISTED = (
 """Files that none of the lists named by which results were kept before, or not all of them."""
 
 
-@pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the three packages, compiled kernels included."""
-    folder = tmp_path_factory.mktemp("copy")
-    for name, place in PLACES.items():
-        shutil.copytree(ROOT / place / name, folder / place / name)
-    return folder
+class Copy:
+    """A copy of the three packages, compiled kernels included.
+
+    Attributes:
+        folder: Where it lies.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for name, place in PLACES.items():
+            shutil.copytree(ROOT / place / name, folder / place / name)
+        paths = os.pathsep.join(str(folder / place) for place in PLACES.values())
+        environment = {**os.environ, "PYTHONPATH": paths, "AMBINAV_CACHE": str(folder / "cache")}
+        # They are imported but once: none is edited so that it would do something else.
+        names = (
+            "ambinav.cli.compare", "ambinav.studies.compare.report", "ambinav_planners.planning",
+            "ambinav_envs.leaderboard.store",
+        )  # fmt: skip
+        self.server = ForkServer(environment, *names, folder=folder)
+
+    def run(self, folder: Path, script: str, *words: str) -> tuple[str, str]:
+        """Run a script in a folder; return what it prints, and its errors."""
+        (folder / "script.py").write_text(script)
+        status, printed, errors = self.server(folder, "script.py", *words)
+        assert status == 0, errors
+        return printed, errors
 
 
-def run(copy: Path, *words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join(str(copy / place) for place in PLACES.values())
-    done = subprocess.run(
-        [sys.executable, *words],
-        env={**os.environ, "PYTHONPATH": paths, "AMBINAV_CACHE": str(copy / "cache")},
-        cwd=cwd or copy,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return done
-
-
+PROGRAM = """
+from ambinav.cli import main
+if __name__ == "__main__":
+    main()
+"""
 KEYS = """
 import os, sys
 from pathlib import Path
@@ -87,14 +97,21 @@ for name in sys.argv[2:]:
 """
 
 
-def keys(copy: Path, *edited: str) -> list[list[str]]:
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Copy]:
+    made = Copy(tmp_path_factory.mktemp("copy"))
+    yield made
+    made.server.close()
+
+
+def keys(copy: Copy, *edited: str) -> list[list[str]]:
     """The keys of three results: of the copy, and with each file edited and as it was."""
-    lines = run(copy, "-c", KEYS, str(copy), *edited).stdout.splitlines()
-    return [line.split() for line in lines]
+    printed, _ = copy.run(copy.folder, KEYS, str(copy.folder), *edited)
+    return [line.split() for line in printed.splitlines()]
 
 
 @pytest.mark.slow
-def test_any_edited_file_is_another_key(copy: Path) -> None:
+def test_any_edited_file_is_another_key(copy: Copy) -> None:
     (before,) = keys(copy)
     assert before[0] == code_digest()
     first, *told = keys(copy, *UNLISTED)
@@ -105,54 +122,59 @@ def test_any_edited_file_is_another_key(copy: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_no_source_does_not_count(copy: Path) -> None:
+def test_what_is_no_source_does_not_count(copy: Copy) -> None:
     before = code_digest()
-    path = copy / "ambinav" / "reports" / "pages.py"
+    package = copy.folder / "ambinav"
+    path = package / "reports" / "pages.py"
     content = path.read_bytes()
     path.write_bytes(content.replace(b"\n", b"\r\n"))
-    (copy / "ambinav" / "__pycache__").mkdir(exist_ok=True)
-    (copy / "ambinav" / "__pycache__" / "pages.cpython-3.nbi").write_bytes(b"x")
-    (copy / "ambinav" / ".pages.py.swp").write_bytes(b"x")
-    (copy / "ambinav" / "pages.py~").write_bytes(b"x")
+    (package / "__pycache__").mkdir(exist_ok=True)
+    (package / "__pycache__" / "pages.cpython-3.nbi").write_bytes(b"x")
+    (package / ".pages.py.swp").write_bytes(b"x")
+    (package / "pages.py~").write_bytes(b"x")
     try:
         assert keys(copy)[0][0] == before
-        (copy / "ambinav" / "new.py").write_bytes(b"")
+        (package / "new.py").write_bytes(b"")
         assert keys(copy)[0][0] != before
     finally:
         path.write_bytes(content)
         for name in (".pages.py.swp", "pages.py~", "new.py"):
-            (copy / "ambinav" / name).unlink(missing_ok=True)
+            (package / name).unlink(missing_ok=True)
 
 
 @pytest.mark.slow
-def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) -> None:
+def test_a_comparison_is_made_again_by_other_code(copy: Copy, tmp_path: Path) -> None:
     scenario = write(tmp_path, {**SCENARIO, "drive": {"runs": 2, "open_loop": True}})
-    words = ("-m", "ambinav.cli", "compare", str(scenario), "-o", "out", "-j", "1")
+
+    def compare() -> str:
+        """Compare the routes; return what is said of it."""
+        words = ("compare", str(scenario), "-o", "out", "-j", "1")
+        return copy.run(tmp_path, PROGRAM, *words)[1]
 
     def kept() -> dict[str, int]:
         work = tmp_path / "out" / "work"
         names = [*work.glob("*.npz"), *work.glob("map-*.zarr")]
         return {path.name: path.stat().st_mtime_ns for path in names}
 
-    assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
+    assert "discarded" not in compare()
     first, table = kept(), (tmp_path / "out" / "table.csv").read_bytes()
     assert len(first) == 3
-    assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
+    assert "discarded" not in compare()
     assert kept() == first
     # Another building under the same name, of the same size and time.
     building = tmp_path / "flat.geojson"
     time, text = building.stat().st_mtime_ns, building.read_text()
     building.write_text(text.replace("1.2", "1.3"))
     os.utime(building, ns=(time, time))
-    assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
+    assert "discarded" not in compare()
     assert len(set(kept()) - set(first)) == 3
     building.write_text(text)
     os.utime(building, ns=(time, time))
-    path = copy / "ambinav" / "studies" / "compare" / "plans.py"
+    path = copy.folder / "ambinav" / "studies" / "compare" / "plans.py"
     content = path.read_bytes()
     path.write_bytes(content + b"# edited\n")
     try:
-        stderr = run(copy, *words, cwd=tmp_path).stderr
+        stderr = compare()
     finally:
         path.write_bytes(content)
     assert (
