@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 from ambinav.cli import app
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.store.map_store import MapStore
+from tests.inline import inline_drives
 from tests.store.scenes import ROOT, build, python, room
 from tests.studies.compare.conftest import SCENARIO, write
 
@@ -70,10 +71,11 @@ def test_it_can_be_switched_off(folder, computes, monkeypatch) -> None:
 def test_compare_opens_too(folder, computes) -> None:
     scenario = write(folder, {**SCENARIO, "routes": ["shortest"], "drive": {"runs": 2}})
     words = ("compare", str(scenario), "-j", "1", "-o")
-    assert "store" not in run(*words, "one").stderr
-    assert "opened from the store" in run(*words, "two").stderr
-    assert len(computes) == 1
-    run(*words, "three", "--no-store")
+    with inline_drives():
+        assert "store" not in run(*words, "one").stderr
+        assert "opened from the store" in run(*words, "two").stderr
+        assert len(computes) == 1
+        run(*words, "three", "--no-store")
     assert len(computes) == 2
     tables = {(folder / name / "table.csv").read_bytes() for name in ("one", "two", "three")}
     assert len(tables) == 1

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+
+from tests.inline import inline_drives
 
 SCENARIO: dict[str, Any] = {
     "environment": "flat.geojson",
@@ -32,6 +35,18 @@ SCENARIO: dict[str, Any] = {
 
 def ring(left: float, low: float, right: float, high: float) -> list[list[float]]:
     return [[left, low], [right, low], [right, high], [left, high], [left, low]]
+
+
+@pytest.fixture(autouse=True)
+def seeded_plans(forked_plans: object) -> None:
+    """Start no interpreter for each plan with a seed."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drives_of_one_job() -> Iterator[None]:
+    """Start none for comparisons with `--jobs 1` either."""
+    with inline_drives():
+        yield
 
 
 @pytest.fixture

@@ -1,0 +1,37 @@
+"""Drives of a comparison in the test's own process."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from ambinav.runtime.errors import InputWarning
+
+
+@contextmanager
+def inline_drives() -> Iterator[None]:
+    """Start no process for one job: it would import for two seconds what is imported here."""
+    from ambinav.studies.compare import exports, runs, workers
+
+    in_workers = workers.in_workers
+
+    def inline(
+        setup: workers.Setup, function: Callable[..., Any], pieces: Sequence[Any], jobs: int
+    ) -> Iterator[tuple[Any, Any]]:
+        if jobs > 1:
+            yield from in_workers(setup, function, pieces, jobs)
+            return
+        for piece in pieces:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)  # as in worker processes
+                made = function(setup, piece)
+            yield piece, made
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (exports, runs):
+            patch.setattr(module, "in_workers", inline)
+        yield
