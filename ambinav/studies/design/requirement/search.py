@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
 
-from ambinav.geometry.collision.reach import reach_of
+from ambinav.geometry.collision.reach import Reach, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -41,13 +42,23 @@ class MappedState:
 
     Attributes:
         state: The state, its areas by the map.
-        amap: The map, judged for the robot.
+        environment: The changed building.
+        whole: Its map.
+        reach: Floor that the robot reaches in the building as it is.
         trips: Lost robots on the trips; None: there are none.
     """
 
     state: State
-    amap: AmbiguityMap
+    environment: Environment
+    whole: AmbiguityMap
+    reach: Reach
     trips: TripLosses | None = None
+
+    @cached_property
+    def amap(self) -> AmbiguityMap:
+        """The map, judged for the robot in the changed building."""
+        reach = reach_of(self.environment, self.reach.radius, self.reach.start)
+        return self.whole.for_robot(reach)
 
     @property
     def own_areas(self) -> Floats:
@@ -172,34 +183,28 @@ class ChangeSearch:
         One on floor must hold on the counted floor and in an audit; one on lost robots by the
         forecast and in drives.
         """
-        if self.requirement is None:
-            return False
-        own = replace(mapped.state, areas=mapped.own_areas)
-        if not (self.requirement.holds(mapped.state) and self.requirement.holds(own)):
+        if self.requirement is None or not self.requirement.holds(mapped.state):
             return False
         most = self.requirement.most_lost
-        return most is None or mapped.trips is None or mapped.trips.confirms(most)
+        if most is not None:
+            return mapped.trips is not None and mapped.trips.confirms(most)
+        return self.requirement.holds(replace(mapped.state, areas=mapped.own_areas))
 
     def mapped(self, state: State) -> MappedState:
         """Return a state by a full map of the changed building."""
         key = state.hardware, frozenset(state.obstacles)
         if key not in self._mapped:
             floor = self._floor_of(state.hardware)
-            edited = self.environment.edited(
-                add=[candidate.obstacle for candidate in state.obstacles]
-            )
-            amap = self._bare[state.hardware]
-            reach = self.terms.reach
-            if state.obstacles:
-                amap = self._map(edited, state.hardware)
-                reach = reach_of(edited, reach.radius, reach.start)
+            added = [candidate.obstacle for candidate in state.obstacles]
+            edited = self.environment.edited(add=added)
+            amap = self._map(edited, state.hardware) if added else self._bare[state.hardware]
             areas = floor.with_map(amap).areas()
-            losses = None if self.trips is None else self.trips.losses(amap, edited)
+            losses = None if self.trips is None else self.trips.losses(amap, edited, added)
             lost = None if losses is None else losses.lost
             state = replace(state, areas=areas, lost=lost)
             if len(self._mapped) >= KEPT:
                 del self._mapped[next(iter(self._mapped))]
-            self._mapped[key] = MappedState(state, amap.for_robot(reach), losses)
+            self._mapped[key] = MappedState(state, edited, amap, self.terms.reach, losses)
         return self._mapped[key]
 
     def steps(self, best: State) -> tuple[Step, ...]:

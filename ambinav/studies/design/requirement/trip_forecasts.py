@@ -25,6 +25,7 @@ from ambinav.geometry.collision.reach import Reach, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import PLANNER, PlaceGraph, graph_step
@@ -113,7 +114,7 @@ class TripLosses:
         share = np.zeros(x.shape)
         for route, lost in zip(self.routes, self.lost.tolist(), strict=True):
             if lost >= SAFE:
-                line = shapely.LineString(route.poses[:, :2])
+                line = _line(route)
                 shapely.prepare(line)
                 share = np.maximum(share, lost * shapely.dwithin(line, points, NEAR))
         return share * amap.cell_area
@@ -149,7 +150,8 @@ class TripForecaster:
         self.notes: dict[str, None] = {}
         self._reach, self._make, self._source = reach, make, source
         self._robot = Robot(radius=reach.radius)
-        checker = self._checker(environment)
+        disc = Footprint.disc(reach.radius)
+        checker = CollisionChecker(environment, disc, Steering("r2"))
         for trip in trips:
             for name, (x, y) in ((trip.start, trip.start_at), (trip.goal, trip.goal_at)):
                 reason = checker.why_not(x, y)
@@ -159,22 +161,25 @@ class TripForecaster:
                     )
         self._routes = self._shortest(environment, range(len(self.trips)))
 
-    def losses(self, amap: AmbiguityMap, environment: Environment) -> TripLosses:
+    def losses(
+        self, amap: AmbiguityMap, environment: Environment, added: Sequence[Obstacle] = ()
+    ) -> TripLosses:
         """Return the lost robots in a changed building.
 
         Args:
             amap: Its map.
-            environment: The building, with additional obstacles or none.
+            environment: The building with additional obstacles.
+            added: These obstacles.
 
         Raises:
             InputError: there is no route of a trip any more.
         """
         routes = list(self._routes)
-        checker = self._checker(environment)
+        outlines = shapely.union_all([obstacle.outline for obstacle in added])
         blocked = [
             k
             for k, route in enumerate(routes)
-            if not checker.motions_free(route.poses[:-1], route.poses[1:]).all()
+            if shapely.dwithin(_line(route), outlines, self._reach.radius)
         ]
         for k, route in zip(blocked, self._shortest(environment, blocked), strict=True):
             routes[k] = route
@@ -186,9 +191,6 @@ class TripForecaster:
         )
         forecasts = tuple(map(forecaster, routes))
         return TripLosses(tuple(routes), forecasts, forecaster, self._robot)
-
-    def _checker(self, environment: Environment) -> CollisionChecker:
-        return CollisionChecker(environment, Footprint.disc(self._reach.radius), Steering("r2"))
 
     def _shortest(self, environment: Environment, numbers: Sequence[int]) -> tuple[Route, ...]:
         """Return the shortest routes of some trips."""
@@ -211,3 +213,7 @@ class TripForecaster:
                 )
             routes.append(Route.through(points, planner=PLANNER))
         return tuple(routes)
+
+
+def _line(route: Route) -> shapely.LineString:
+    return shapely.LineString(route.poses[:, :2])

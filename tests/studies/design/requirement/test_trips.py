@@ -89,11 +89,12 @@ def test_an_obstacle_on_the_route_is_driven_around() -> None:
     trips = trips_of()
     post = an.Obstacle.post(8.0, 4.0, 0.3)
     changed = HALL.edited(add=[post])
-    route = trips.losses(built(changed, SCANNER), changed).routes[0]
+    route = trips.losses(built(changed, SCANNER), changed, [post]).routes[0]
     line = shapely.LineString(route.poses[:, :2])
     assert 0.99 * RADIUS <= line.distance(post.outline) < 0.1 + RADIUS
-    beside = HALL.edited(add=[an.Obstacle.post(8.0, 6.0, 0.3)])
-    kept = trips.losses(built(beside, SCANNER), beside).routes[0]
+    other = an.Obstacle.post(8.0, 6.0, 0.3)
+    beside = HALL.edited(add=[other])
+    kept = trips.losses(built(beside, SCANNER), beside, [other]).routes[0]
     assert len(kept.poses) == 2
 
 
@@ -146,7 +147,9 @@ def test_it_is_nearly_as_cheap_as_the_best_of_all_subsets() -> None:
         for posts in itertools.combinations(places, count):
             if all(apart(a, b, 0.9) for a, b in itertools.combinations(posts, 2)):
                 edited = HALL.edited(add=[post.obstacle for post in posts])
-                losses = trips.losses(an.build_map(edited, SCANNER, 0.25, store=False), edited)
+                added = [post.obstacle for post in posts]
+                amap = an.build_map(edited, SCANNER, 0.25, store=False)
+                losses = trips.losses(amap, edited, added)
                 lost[posts] = float(losses.lost[0])
     for limit in (30, 10):
         solution = solve(f"lost < {limit} %", "posts=3")
