@@ -164,7 +164,7 @@ def case_of(name: str, args: Any) -> Case:
 
 def drive(state: MappedState, localizer: str, args: Any) -> str:
     """Return the share of robots that get lost in new drives of all trips, with its interval."""
-    losses = state.trips
+    losses = state.losses
     assert losses is not None
     if localizer == "ekf":
         runner = EnsembleRunner(
@@ -188,10 +188,10 @@ def against_rivals(case: Case, count: int, seed: int) -> tuple[str, ...]:
     posts = len(solution.steps)
     anywhere = case.solve(f"posts={max(posts, 1)}", budget=40.0 * posts)
     before = solution.before
-    assert before.trips is not None
+    assert before.losses is not None
     assert before.state.lost is not None
     assert solution.after.state.lost is not None
-    weight = before.trips.weights(before.amap)
+    weight = before.losses.weights(before.amap)
     search = ObstacleSearch(
         case.environment, before.state.hardware, before.amap, CountedFloor.of(before.amap),
         solution.terms, weight,

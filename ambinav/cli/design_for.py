@@ -118,9 +118,8 @@ def requirement(
                 f"`{EXAMPLE}`."
             )
         conflict("--places", places is not None and not is_lost, FOR_LOST)
-        conflict(
-            "--localizer, --odometry and the limits", forecasts.wanted and not is_lost, FOR_LOST
-        )
+        for option in forecasts.given:
+            conflict(option, not is_lost, FOR_LOST)
         forecasts.check()
         forecasts.check_no_program()
         trips = None if places is None else read_trips(places)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import radians
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -93,7 +93,16 @@ class ForecastOptions:
     @property
     def wanted(self) -> bool:
         """True if any of the options is given."""
-        return self != ForecastOptions()
+        return bool(self.given)
+
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that are given."""
+        return [
+            f"--{each.name.replace('_', '-')}"
+            for each in fields(self)
+            if getattr(self, each.name) is not None
+        ]
 
     def check(self) -> None:
         """Refuse names that are unknown, before a map is opened.

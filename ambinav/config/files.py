@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import yaml
 
@@ -28,6 +28,23 @@ def read_text(path: Path) -> str:
         ) from error
 
 
+class _Loader(yaml.SafeLoader):
+    """Safe loader that refuses a key that stands twice in a mapping, of which one would win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Construct a mapping whose keys differ."""
+        known = set()
+        for key, _ in node.value:
+            word = key.value if isinstance(key, yaml.ScalarNode) else None
+            if word in known:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {word!r} stands there twice", key.start_mark
+                )
+            if word is not None and key.tag != "tag:yaml.org,2002:merge":
+                known.add(word)
+        return super().construct_mapping(node, deep)
+
+
 def parse_yaml(text: str, where: str, example: str) -> object:
     """Parse YAML text into plain Python values.
 
@@ -40,7 +57,7 @@ def parse_yaml(text: str, where: str, example: str) -> object:
         InputError: the text is not YAML, or holds nothing.
     """
     try:
-        plain = yaml.safe_load(text)
+        plain = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise InputError(

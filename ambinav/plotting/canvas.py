@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 from weakref import WeakSet
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -73,4 +74,6 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     if figure not in _fitted:
         # This layout draws the whole figure twice.
         options |= {"bbox_inches": "tight", "pad_inches": MARGIN}
-    figure.savefig(path, dpi=DPI, **options)
+    # Else the ids in an SVG file are drawn at random.
+    with rc_context({"svg.hashsalt": "ambinav"}):
+        figure.savefig(path, dpi=DPI, **options)

@@ -39,6 +39,7 @@ class CostCurve:
             lost robots.
         limit: What may be left, and its label; None: there is no such limit.
         budget: Largest cost; None: not limited.
+        advised: Whether the chosen changes are what was asked for; else the best found.
     """
 
     points: Sequence[CostPoint]
@@ -46,6 +47,7 @@ class CostCurve:
     counted: float | None
     limit: tuple[float, str] | None = None
     budget: float | None = None
+    advised: bool = True
 
 
 def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
@@ -56,7 +58,7 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
     axes.set_xlabel("cost of all changes (currency of the costs file)", fontsize=FONT + 1)
     name = "bad floor" if curve.counted else "share of lost robots"
     axes.set_ylabel(
-        "bad floor (m²)" if curve.counted else "robots lost on the worst trip (%)",
+        "bad floor (m²)" if curve.counted else "robots lost on the worst trip, forecast (%)",
         fontsize=FONT + 1,
     )
     axes.grid(color="#DDDDDD", linewidth=0.8)
@@ -75,15 +77,17 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
         drawstyle="steps-post", label=f"least {name} found for its cost",
     )  # fmt: skip
     cost, left, label = curve.chosen
+    what = "recommended" if curve.advised else "best found"
     axes.plot(
         [cost], [left], "o", color="none", markeredgecolor="black", markeredgewidth=1.8,
-        markersize=13, linestyle="none", label=f"recommended: {label}",
+        markersize=13, linestyle="none", label=f"{what}: {label}",
     )  # fmt: skip
     if curve.limit is not None:
         axes.axhline(curve.limit[0], color="black", linestyle="--", label=curve.limit[1])
     if curve.budget is not None:
         axes.axvline(curve.budget, color="black", linestyle=":", label="budget")
-    most = max(max(point.cost for point in curve.points), curve.budget or 0.0, 1e-9)
+    most = max(max(point.cost for point in curve.points), curve.budget or 0.0)
+    most = most or 1.0
     axes.set_xlim(-ROOM * most, (1.0 + ROOM) * most)
     high = max(max(point.left for point in curve.points), (curve.limit or (0.0,))[0], 1e-9)
     axes.set_ylim(-ROOM * high, (1.0 + ROOM) * high)

@@ -52,7 +52,7 @@ TEXT: Final[dict[str, Any]] = {
 NAME_OFF: Final = (0.0, -13.0)
 """Offset of the name of a place, points."""
 NAME: Final[dict[str, Any]] = {
-    "ha": "center", "va": "center", "fontsize": 9.5, "zorder": 8,
+    "ha": "center", "va": "center", "fontsize": 9.5, "zorder": 8, "parse_math": False,
     "path_effects": [Stroke(linewidth=3.0, foreground="white"), Normal()],
 }  # fmt: skip
 """Style of the names of places."""

@@ -1,1 +1,1 @@
-"""The cheapest changes of a building and its scanner that meet a requirement on bad floor."""
+"""The cheapest changes of a building and its scanner that meet a requirement."""

@@ -70,6 +70,7 @@ class OptionPart(Part):
     scanner: str
     cost: Rounded
     bad_area_m2: SquareMetres | None = Field(description="null: no map was made")
+    lost: Share | None = Field(description="on the worst trip, by the forecast; null: not known")
     reason: str = Field(description="why no map was made; else empty")
     candidates: int = Field(description="places for obstacles that were tried with it")
 
@@ -107,7 +108,12 @@ class Document(BuildingDocument):
 def document(solution: Solution) -> Document:
     """Collect the figures of the report."""
     terms, hardware = solution.terms, solution.before.state.hardware
-    losses, trips = solution.before.trips, trip_parts(solution)
+    alone = {
+        state.hardware: float(state.lost.max())
+        for state in solution.states
+        if state.lost is not None and not state.obstacles
+    }
+    losses, trips = solution.before.losses, trip_parts(solution)
     return Document(
         **head_of(solution.environment, solution.scanner, terms.reach),
         requirement=None if solution.requirement is None else str(solution.requirement),
@@ -134,6 +140,7 @@ def document(solution: Solution) -> Document:
                 scanner=each.hardware.scanner.name,
                 cost=each.hardware.cost,
                 bad_area_m2=each.bad,
+                lost=alone.get(each.hardware),
             )
             for each in solution.tried
         ),
@@ -142,7 +149,7 @@ def document(solution: Solution) -> Document:
             rules_part(rules, rules.most)
             for rules in (terms.rules(kind, hardware) for kind in terms.most)
         ),
-        states=len(solution.states),
+        states=len({(each.hardware, frozenset(each.obstacles)) for each in solution.states}),
         maps=solution.maps,
         remarks=_remarks(solution),
         parameters=json.loads(solution.before.amap.dataset.attrs["parameters"]),

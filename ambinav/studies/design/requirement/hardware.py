@@ -39,6 +39,11 @@ class Hardware:
         """The label, or the scanner's name where nothing is changed."""
         return self.label or self.scanner.name
 
+    @property
+    def reads_tags(self) -> bool:
+        """True if the scanner measures intensities."""
+        return len(self.scanner.intensity_beams) > 0
+
 
 def hardware_options(
     scanner: RangeScanner, allowed: Allowed, costs: Costs, source: str

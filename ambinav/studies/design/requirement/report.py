@@ -60,18 +60,18 @@ def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
     obstacles = [step.obstacle for step in solution.steps if step.obstacle is not None]
     numbers = [k for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
     before, after = solution.before.amap, solution.after.amap
-    trips = (solution.after if placed else solution.before).trips
+    losses = (solution.after if placed else solution.before).losses
     return plot_placement(
         before,
         zones_after(before, after if placed else before),
         solution.before.amap.judged,
         PlacementView(
-            reflective=any(one.obstacle.reflective for one in obstacles),
-            outlines=tuple(one.obstacle.outline for one in obstacles),
-            kinds=tuple(one.kind for one in obstacles),
+            reflective=any(each.obstacle.reflective for each in obstacles),
+            outlines=tuple(each.obstacle.outline for each in obstacles),
+            kinds=tuple(each.kind for each in obstacles),
             numbers=tuple(numbers),
             improved=[(place.x_m, place.y_m) for place in report.improved],
-            routes=() if trips is None else [route.poses for route in trips.routes],
+            routes=() if losses is None else [route.poses for route in losses.routes],
             names={
                 name: at
                 for trip in report.trips
@@ -103,6 +103,7 @@ def draw_curve(solution: Solution, report: Document) -> Figure:
         ],
         chosen=(report.cost, left, state_label(solution.after.state)),
         counted=None if is_lost else report.counted_area_m2,
+        advised=report.met is not False,
         limit=limit,
         budget=report.budget,
     )

@@ -52,6 +52,8 @@ def _lost(changed: Changed) -> float:
 
 
 LOST: Final = "lost"
+LEAST_LOST: Final = 0.5
+"""Least limit on lost robots, %: with none lost of 1024 drives the interval ends at 0.49 %."""
 FIGURES: Final[Quantities] = {
     name: replace(
         QUANTITIES[name],
@@ -95,13 +97,12 @@ class Requirement:
                 f'{OPTION}: "{condition}" asks for {"less" if good else "more"} {asked}; a '
                 f'requirement says what must hold, e.g. "{replace(condition, limit=limit)}".'
             )
-        requirement = cls(condition)
-        if requirement.most_lost == 0.0:
+        if condition.quantity.name == LOST and not LEAST_LOST <= condition.limit.number < 100.0:
             raise InputError(
-                f'{OPTION}: "{condition}": no number of drives can confirm that none gets lost; '
-                f'write "{LOST} < 1 %".'
+                f'{OPTION}: "{condition}": drives can confirm a limit from {LEAST_LOST:g} % to '
+                f'below 100 %; write e.g. "{LOST} < 5 %".'
             )
-        return requirement
+        return cls(condition)
 
     def __str__(self) -> str:
         """Return the requirement as it is written."""

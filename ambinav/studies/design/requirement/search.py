@@ -18,7 +18,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, apart
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.requirement.hardware import Hardware
-from ambinav.studies.design.requirement.requirement import Requirement
+from ambinav.studies.design.requirement.requirement import Requirement, bad_area
 from ambinav.studies.design.requirement.states import (
     Batch,
     CountedFloor,
@@ -45,14 +45,14 @@ class MappedState:
         environment: The changed building.
         whole: Its map.
         reach: Floor that the robot reaches in the building as it is.
-        trips: Lost robots on the trips; None: there are none.
+        losses: Lost robots on the trips; None: there are no trips.
     """
 
     state: State
     environment: Environment
     whole: AmbiguityMap
     reach: Reach
-    trips: TripLosses | None = None
+    losses: TripLosses | None = None
 
     @cached_property
     def amap(self) -> AmbiguityMap:
@@ -162,20 +162,28 @@ class ChangeSearch:
 
     def place(self, hardware: Hardware) -> None:
         """Look for obstacles that help with a scanner, as far as they can pay."""
+        if not self.terms.most:
+            return
         known = self.tried[hardware]
         cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
         if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
             return
-        if self.trips is not None and not self._weight(hardware).any():
+        weight = self._weight(hardware)
+        if weight is not None and not weight.any():
             return
         self.tried[hardware] = replace(known, candidates=self._place(hardware))
 
     def nearest(self) -> State:
         """Return the state within the budget that comes nearest to the requirement."""
         within = [state for state in self.states if state.cost <= self.limit]
+        # Lost robots to the digit that is shown: nothing is bought for less.
+        digits = 15 if self.trips is None else 1
         return min(
-            within, key=lambda state: (self._distance(state), state.cost, len(state.obstacles))
-        )
+            within,
+            key=lambda state: (
+                round(self._distance(state), digits), state.cost, len(state.obstacles)
+            ),
+        )  # fmt: skip
 
     def meets(self, mapped: MappedState) -> bool:
         """Return whether the requirement holds.
@@ -187,7 +195,7 @@ class ChangeSearch:
             return False
         most = self.requirement.most_lost
         if most is not None:
-            return mapped.trips is not None and mapped.trips.confirms(most)
+            return mapped.losses is not None and mapped.losses.confirms(most)
         return self.requirement.holds(replace(mapped.state, areas=mapped.own_areas))
 
     def mapped(self, state: State) -> MappedState:
@@ -232,14 +240,19 @@ class ChangeSearch:
     def _in_order(
         self, hardware: Hardware, obstacles: Sequence[Candidate]
     ) -> list[Candidate | None]:
-        """Sort changes by gain per cost, each after those before it; None: the scanner."""
+        """Sort changes by gain per cost, each after those before it; None: the scanner.
+
+        For trips, in the order in which the search put them up, after the scanner.
+        """
+        if self.trips is not None:
+            scanner = [] if hardware is self.with_nothing.hardware else [None]
+            return [*scanner, *obstacles]
         with_it = self._obstacles_of(hardware).in_order(obstacles) if obstacles else ()
         ordered: list[Candidate | None] = [obstacle for obstacle, _ in with_it]
         bare = self.with_nothing.hardware
         if hardware is bare:
             return ordered
-        weight = self._weight(bare)
-        gain = self._floor_of(bare).bad(weight) - self._floor_of(hardware).bad(weight)
+        gain = self.with_nothing.bad - bad_area(self._floor_of(hardware).areas())
         without = self._obstacles_of(bare).in_order(obstacles) if obstacles else ()
         first: list[Candidate | None] = []
         for obstacle, removed in without:
@@ -252,9 +265,13 @@ class ChangeSearch:
         """Look for obstacles for a scanner; return the number of places that were tried."""
         search = self._obstacles_of(hardware)
         trials, reasons = search.try_places(self.report)
-        self.reasons += reasons
-        if not trials and self.terms.keep_out is not None:
-            raise InputError(reasons[-1])
+        self.reasons += reasons.values()
+        untried = [reasons[kind] for kind in reasons if kind != "tag" or hardware.reads_tags]
+        is_present = hardware is self.with_nothing.hardware
+        if untried and not trials and is_present and self.terms.keep_out is not None:
+            raise InputError(untried[-1])
+        if not trials:
+            return 0
         done = self.report(f"{hardware.name}: obstacles together")
         most = sum(self.terms.most.values())
         chains = list(search.chains(trials))
@@ -278,11 +295,11 @@ class ChangeSearch:
         most = sum(terms.most.values())
         done = self.report(f"{hardware.name}: obstacles where robots get lost")
         for count in range(most):
-            assert current.trips is not None
+            assert current.losses is not None
             chosen = current.state.obstacles
             states = [
                 State(hardware, obstacles, hardware.cost + terms.cost(obstacles), floor.areas())
-                for candidate in current.trips.near_cause(candidates)
+                for candidate in current.losses.near_cause(candidates)
                 if terms.allows(obstacles := (*chosen, candidate))
                 and all(apart(candidate, other, passage) for other in chosen)
             ]
@@ -290,11 +307,10 @@ class ChangeSearch:
                 self._consider(state)
             best, largest = current, 0.0
             for state in states:
-                if self._is_payable(state.cost):
-                    mapped = self.mapped(state)
-                    gain = _saved(current.state, mapped.state)
-                    if gain > largest:
-                        best, largest = mapped, gain
+                mapped = self._usable(state) if self._is_payable(state.cost) else None
+                gain = 0.0 if mapped is None else _saved(current.state, mapped.state)
+                if mapped is not None and gain > largest:
+                    best, largest = mapped, gain
             done((count + 1) / most)
             if best is current:
                 break
@@ -318,7 +334,10 @@ class ChangeSearch:
             if not payable:
                 return False
             # Until it has a map its areas are those of the weighted floor.
-            state = self.mapped(state).state
+            usable = self._usable(state)
+            if usable is None:
+                return False
+            state = usable.state
         self.states.append(state)
         if (
             self.requirement is not None
@@ -328,6 +347,15 @@ class ChangeSearch:
         ):
             self.best = state
         return self.best is state
+
+    def _usable(self, state: State) -> MappedState | None:
+        """Return a state by a full map; None if its obstacles leave no route for a trip."""
+        if not state.obstacles:
+            return self.mapped(state)
+        try:
+            return self.mapped(state)
+        except InputError:
+            return None
 
     def _is_payable(self, cost: float) -> bool:
         """Return whether a cost is within the budget and below that of the solution so far."""
@@ -354,16 +382,16 @@ class ChangeSearch:
 
     def _obstacles_of(self, hardware: Hardware) -> ObstacleSearch:
         floor = self._floor_of(hardware)
-        weight = None if self.trips is None else self._weight(hardware)
         return ObstacleSearch(
-            self.environment, hardware, self._bare[hardware], floor, self.terms, weight
-        )
+            self.environment, hardware, self._bare[hardware], floor, self.terms,
+            self._weight(hardware),
+        )  # fmt: skip
 
-    def _weight(self, hardware: Hardware) -> Floats:
-        """Return the weight of each cell in a search of obstacles for a scanner, (ny, nx)."""
-        floor, amap = self._floor_of(hardware), self._bare[hardware]
-        losses = self.mapped(State(hardware, (), hardware.cost, floor.areas())).trips
-        return np.full(floor.mask.shape, amap.cell_area) if losses is None else losses.weights(amap)
+    def _weight(self, hardware: Hardware) -> Floats | None:
+        """Return the weight of each cell in a search for trips; None: of a search without."""
+        floor = self._floor_of(hardware)
+        losses = self.mapped(State(hardware, (), hardware.cost, floor.areas())).losses
+        return None if losses is None else losses.weights(self._bare[hardware])
 
     def _map(self, environment: Environment, hardware: Hardware) -> AmbiguityMap:
         self.maps += 1

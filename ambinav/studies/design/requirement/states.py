@@ -1,7 +1,8 @@
 """States of a building with one scanner: sets of obstacles, each with its exact effect.
 
-Which sets are looked at depends neither on the requirement nor on the budget, which only end the
-search. So a larger budget never leaves more bad floor, and a laxer requirement never costs more.
+Of requirements on floor, which sets are looked at depends neither on the requirement nor on the
+budget, which only end the search. So a larger budget never leaves more bad floor, and a laxer
+requirement never costs more.
 """
 
 from __future__ import annotations
@@ -74,10 +75,6 @@ class CountedFloor:
         ).values  # fmt: skip
         return CountedFloor(self.mask, np.where(zone < len(ZONES), zone, self.zone), self.amap)
 
-    def bad(self, weight: Floats) -> float:
-        """Return the weight of the bad cells that count; of each cell, shape (ny, nx)."""
-        return float(weight[self.mask & np.isin(self.zone, BAD)].sum())
-
     def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
         """Return the area in each zone, square metres, shape (zones,); of a part of the floor."""
         zone = self.zone[self.mask if mask is None else self.mask & mask]
@@ -132,6 +129,7 @@ class Terms:
         rules: Rules for their positions, given the kind and the scanner.
         reach: Floor that the robot reaches.
         keep_out: Polygons that none may touch; None: there are none.
+        stops: Positions where the robot must still fit, metres: ends of trips.
     """
 
     most: Mapping[Kind, int]
@@ -139,6 +137,7 @@ class Terms:
     rules: Callable[[Kind, Hardware], PlaceRules]
     reach: Reach
     keep_out: BaseGeometry | None = None
+    stops: tuple[tuple[float, float], ...] = ()
 
     def allows(self, obstacles: Sequence[Candidate]) -> bool:
         """Return whether there are no more of a kind than are allowed."""
@@ -186,7 +185,7 @@ class ObstacleSearch:
         self.effects = Effects(environment, setting, places)
         self.elsewhere = floor.areas(~free)
 
-    def try_places(self, report: Report) -> tuple[dict[Kind, Trials], list[str]]:
+    def try_places(self, report: Report) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
         """Try every place for an obstacle alone; say why kinds of obstacles have none.
 
         Args:
@@ -196,13 +195,14 @@ class ObstacleSearch:
         places = self.effects.places.point[self.effects.bad]
         bad = np.column_stack(self.effects.setting.lattice(self.environment)[0].points)[places]
         every: dict[Kind, Trials] = {}
-        reasons = []
+        reasons: dict[Kind, str] = {}
         start = self.terms.reach.start
-        # The robot must still fit where it sets out.
-        lines = [] if start is None else [shapely.LineString([start, start])]
+        # The robot must still fit where it sets out, and at the ends of trips.
+        stops = self.terms.stops if start is None else (start, *self.terms.stops)
+        lines = [shapely.LineString([stop, stop]) for stop in stops]
         for kind, rule in self.rules.items():
-            if kind == "tag" and not len(scanner.intensity_beams):
-                reasons.append(f"No tags for {scanner.name}: it measures no intensities.")
+            if kind == "tag" and not self.hardware.reads_tags:
+                reasons[kind] = f"No tags for {scanner.name}: it measures no intensities."
                 continue
             try:
                 positions = Positions(
@@ -211,7 +211,7 @@ class ObstacleSearch:
                 )  # fmt: skip
                 allowed, _ = positions.spread()
             except InputError as error:
-                reasons.append(str(error))
+                reasons[kind] = str(error)
                 continue
             title = f"{self.hardware.name}: {len(allowed)} places for {kind}s"
             every[kind] = try_alone(self.effects, allowed, report(title))

@@ -47,7 +47,7 @@ class Solution:
         tried: Every allowed scanner.
         maps: Number of full maps.
         remarks: Remarks for the reader, in sentences.
-        trips: Trips that a requirement on lost robots is about; else None.
+        forecaster: Trips that a requirement on lost robots is about; else None.
     """
 
     environment: Environment
@@ -63,7 +63,7 @@ class Solution:
     tried: tuple[TriedHardware, ...]
     maps: int
     remarks: tuple[str, ...]
-    trips: TripForecaster | None = None
+    forecaster: TripForecaster | None = None
 
     @property
     def after(self) -> MappedState:
@@ -135,6 +135,7 @@ def meet_requirement(
         lambda kind, hardware: rules(kind, hardware.scanner),
         reach,
         keep_out,
+        () if trips is None else trips.stops,
     )
     search = ChangeSearch(environment, build, terms, requirement, budget, report, trips)
     # A scanner that meets it alone bounds what obstacles may cost.

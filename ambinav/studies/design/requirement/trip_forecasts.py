@@ -38,6 +38,8 @@ MakeForecaster: TypeAlias = Callable[[AmbiguityMap, Sequence[Route]], Forecaster
 
 STEP: Final = 0.2
 """Metres between points of the graph on which routes are found, as in an audit."""
+FINER: Final = 4.0
+"""Steps of the first graph are so many times those of the second one."""
 NEAR: Final = 0.5
 """Metres from a trip's route within which floor counts for the search."""
 SAFE: Final = 1e-3
@@ -88,6 +90,10 @@ class TripLosses:
     @cached_property
     def _runner(self) -> EnsembleRunner:
         return self.forecaster.runner(self.robot)
+
+    def drives(self, number: int, threshold: float) -> Ensemble | None:
+        """Return the drives of a trip that have been made; None: there are none."""
+        return self._driven.get((number, threshold))
 
     def near_cause(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Return candidates near where most robots of the worst trip get lost, nearest first.
@@ -192,27 +198,51 @@ class TripForecaster:
         forecasts = tuple(map(forecaster, routes))
         return TripLosses(tuple(routes), forecasts, forecaster, self._robot)
 
+    @property
+    def stops(self) -> tuple[tuple[float, float], ...]:
+        """Positions at which trips start and end."""
+        ends = (end for trip in self.trips for end in (trip.start_at, trip.goal_at))
+        return tuple(dict.fromkeys(ends))
+
     def _shortest(self, environment: Environment, numbers: Sequence[int]) -> tuple[Route, ...]:
         """Return the shortest routes of some trips."""
         if not numbers:
             return ()
         reach = reach_of(environment, self._reach.radius, self._reach.start)
-        with warnings.catch_warnings():
-            # Floor that is cut off on the graph: a trip to there is refused below.
-            warnings.simplefilter("ignore", InputWarning)
-            graph = PlaceGraph.of(environment, reach, graph_step(reach, STEP))
-        routes = []
+        step = graph_step(reach, STEP)
+        points: dict[int, Floats] = {}
+        # On a finer graph there are also routes through narrow doors.
+        for each in (step, step / FINER):
+            missing = [k for k in numbers if k not in points]
+            if not missing:
+                break
+            with warnings.catch_warnings():
+                # Floor that is cut off on the graph: a trip to there is refused below.
+                warnings.simplefilter("ignore", InputWarning)
+                graph = PlaceGraph.of(environment, reach, each)
+            for k in missing:
+                path = _shortest_path(graph, self.trips[k])
+                if path is not None:
+                    points[k] = path
         for k in numbers:
-            trip = self.trips[k]
-            points = graph.between(trip.start_at, trip.goal_at)
-            if points is None:
+            if k not in points:
                 raise InputError(
-                    f"{self._source}: no route from {trip.start} to {trip.goal} on explored floor "
-                    f"that a robot of radius {reach.radius:g} m reaches; move the places, give "
-                    "--start or a smaller --robot-radius."
+                    f"{self._source}: no route of {self.trips[k].title} is found on explored floor "
+                    f"that a robot of radius {reach.radius:g} m reaches, on a graph with steps of "
+                    f"{step / FINER:.2g} m; move the places, give --start or a smaller "
+                    "--robot-radius."
                 )
-            routes.append(Route.through(points, planner=PLANNER))
-        return tuple(routes)
+        return tuple(Route.through(points[k], planner=PLANNER) for k in numbers)
+
+
+def _shortest_path(graph: PlaceGraph, trip: Trip) -> Floats | None:
+    """Return the shorter of the paths found there and, turned round, back; None: there is none."""
+    there = graph.between(trip.start_at, trip.goal_at)
+    back = graph.between(trip.goal_at, trip.start_at)
+    if there is None or back is None:
+        return there
+    lengths = [float(np.hypot(*np.diff(path, axis=0).T).sum()) for path in (there, back)]
+    return there if lengths[0] <= lengths[1] else back[::-1]
 
 
 def _line(route: Route) -> shapely.LineString:

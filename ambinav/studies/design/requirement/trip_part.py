@@ -24,17 +24,23 @@ class TripStatePart(Part):
     length_m: Metres
     lost: Share = Field(description="share of robots that get lost, by the forecast")
     text: str = Field(description="the same in words, with the main cause")
-    driven: DrivesPart
+    driven: DrivesPart | None = Field(
+        description="null: no drives were needed; the worst trip of a building is always driven"
+    )
 
     @classmethod
     def of_trip(cls, losses: TripLosses, number: int, threshold: float) -> TripStatePart:
         """Return the state of one of the trips."""
-        forecast, driven = losses.forecasts[number], losses.driven(number, threshold)
-        drives = DrivesPart(
-            runs=len(driven),
-            lost=int(driven.lost.sum()),
-            low=max(driven.probability.low, 0.0),
-            high=driven.probability.high,
+        forecast, driven = losses.forecasts[number], losses.drives(number, threshold)
+        drives = (
+            None
+            if driven is None
+            else DrivesPart(
+                runs=len(driven),
+                lost=int(driven.lost.sum()),
+                low=max(driven.probability.low, 0.0),
+                high=driven.probability.high,
+            )
         )
         return cls(
             length_m=float(forecast.distance[-1]),
@@ -57,10 +63,12 @@ class TripPart(Part):
 
 def trip_parts(solution: Solution) -> tuple[TripPart, ...]:
     """Return each trip of a solution with its route as it is and after the changes."""
-    before, after, trips = solution.before.trips, solution.after.trips, solution.trips
+    before, after = solution.before.losses, solution.after.losses
     most = None if solution.requirement is None else solution.requirement.most_lost
-    if trips is None or before is None or after is None or most is None:
+    if solution.forecaster is None or before is None or after is None or most is None:
         return ()
+    for losses in (before, after):
+        losses.driven(int(losses.lost.argmax()), most)
     return tuple(
         TripPart(
             start=trip.start,
@@ -70,7 +78,7 @@ def trip_parts(solution: Solution) -> tuple[TripPart, ...]:
             before=TripStatePart.of_trip(before, number, most),
             after=TripStatePart.of_trip(after, number, most),
         )
-        for number, trip in enumerate(trips.trips)
+        for number, trip in enumerate(solution.forecaster.trips)
     )
 
 
@@ -84,6 +92,8 @@ def worst_trip(trips: tuple[TripPart, ...], after: bool) -> str:
 def trip_text(state: TripStatePart) -> str:
     """Return the forecast and the drives of a trip in a few words."""
     driven = state.driven
+    if driven is None:
+        return f"{100.0 * state.lost:.1f} %"
     return (
         f"{100.0 * state.lost:.1f} % (driven: {driven.lost} of {driven.runs}, "
         f"{100.0 * driven.low:.1f} to {100.0 * driven.high:.1f} %)"
