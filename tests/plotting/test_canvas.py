@@ -1,0 +1,22 @@
+"""Files of pictures: the same bytes each time, in each format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ambinav.plotting.canvas import new_figure, save_figure
+from ambinav.plotting.style import FORMATS
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_the_same_picture_is_the_same_file(tmp_path: Path, suffix: str) -> None:
+    files = []
+    for number in range(2):
+        figure = new_figure(3, 2)
+        axes = figure.subplots()
+        axes.plot([0, 1], [1, 0], clip_on=True)
+        files.append(tmp_path / f"{number}.{suffix}")
+        save_figure(figure, files[-1])
+    assert files[0].read_bytes() == files[1].read_bytes()
