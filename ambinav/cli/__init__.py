@@ -6,6 +6,7 @@ Every command lives in a module of its own, and imports what computes only when 
 
 from __future__ import annotations
 
+import gc
 from typing import Annotated
 
 import typer
@@ -96,3 +97,6 @@ def main() -> None:
         app()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+    finally:
+        # At its end Python would search all modules for garbage, which takes a third of a second.
+        gc.freeze()
