@@ -168,7 +168,7 @@ def seeded_copies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable
         if not servers:
             paths = (str(ROOT / name) for name in ("", "planners"))
             environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-            modules = ("ambinav_planners.planning", "ambinav_planners.flight", "ompl.geometric")
+            modules = ("ambinav_planners.flight", "ompl.geometric", "tests.kernels_at_hand")
             servers.append(ForkServer(environment, *modules))
         folder = tmp_path_factory.mktemp("seeded")
         (folder / "script.py").write_text(script)

@@ -9,9 +9,28 @@ from collections.abc import Mapping
 from pathlib import Path
 
 SERVER = """
-import importlib, json, multiprocessing.process, os, runpy, sys
+import atexit, importlib, json, multiprocessing.process, os, runpy, sys, threading, traceback
 for name in sys.argv[1:]:
     importlib.import_module(name)
+if "numba" in sys.modules:
+    # The half of a second in which numba gets ready for its first kernel.
+    from numba.core.registry import cpu_target
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+
+def status_of(script):
+    try:
+        runpy.run_path(script, run_name="__main__")
+    except SystemExit as ended:
+        if ended.code is None or isinstance(ended.code, int):
+            return ended.code or 0
+        print(ended.code, file=sys.stderr)
+        return 1
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
 for line in sys.stdin:
     folder, *sys.argv = json.loads(line)
     if os.fork() == 0:
@@ -21,8 +40,13 @@ for line in sys.stdin:
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         for number, name in ((1, "stdout.txt"), (2, "stderr.txt")):
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        runpy.run_path(sys.argv[0], run_name="__main__")
-        sys.exit()
+        status = status_of(sys.argv[0])
+        # As at the end of a process, but that modules are not taken apart, which takes a second.
+        threading._shutdown()
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     print(os.waitstatus_to_exitcode(os.wait()[1]), flush=True)
 """
 

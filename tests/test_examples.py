@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from tests.forked import ForkServer
 
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
@@ -30,9 +31,21 @@ def test_examples_are_numbered_and_listed():
     assert all(f"[{script.name}]({script.name})" in listed for script in SCRIPTS)
 
 
+@pytest.fixture(scope="module")
+def python() -> Iterator[ForkServer]:
+    settings = {
+        "PYTHONPATH": PATHS,
+        "MPLBACKEND": "agg",
+        "PYTHONWARNINGS": "error::ambinav.runtime.errors.InputWarning",
+    }
+    server = ForkServer({**os.environ, **settings}, "matplotlib.pyplot", "tests.kernels_at_hand")
+    yield server
+    server.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_an_example_runs(script, tmp_path):
+def test_an_example_runs(script, tmp_path, python):
     needed = NEEDS.get(script.name[:2])
     if needed is not None and find_spec(needed) is None:
         pytest.skip(f"{needed} is not installed")
@@ -43,20 +56,8 @@ def test_an_example_runs(script, tmp_path):
             code = code.replace(long, short)
         script = tmp_path / script.name
         script.write_text(code, encoding="utf-8")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-W",
-            "error::ambinav.runtime.errors.InputWarning",
-            str(script),
-        ],
-        env={**os.environ, "PYTHONPATH": PATHS, "MPLBACKEND": "agg"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+    status, printed, errors = python(tmp_path, str(script))
+    assert status == 0, errors
+    assert printed.strip()
     if made := LEAVES.get(script.name[:2]):
         assert (tmp_path / made).is_file()
