@@ -6,7 +6,6 @@ Every command lives in a module of its own, and imports what computes only when 
 
 from __future__ import annotations
 
-import gc
 from typing import Annotated
 
 import typer
@@ -32,6 +31,7 @@ from ambinav.cli.presets import presets
 from ambinav.cli.serve import serve
 from ambinav.cli.store import store
 from ambinav.cli.train import train
+from ambinav.runtime.processes import end_quickly
 
 app = typer.Typer(
     name="ambinav",
@@ -98,5 +98,4 @@ def main() -> None:
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     finally:
-        # At its end Python would search all modules for garbage, which takes a third of a second.
-        gc.freeze()
+        end_quickly()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Iterator
@@ -49,6 +52,14 @@ def begin_worker() -> None:
     multiprocessing.set_start_method("spawn", force=True)
     numba.set_num_threads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    atexit.register(end_quickly)
+
+
+def end_quickly() -> None:
+    """Let this process end without a search of all modules for garbage: a third of a second."""
+    # OMPL's bindings would print what is left of it.
+    if "ompl" not in sys.modules:
+        gc.freeze()
 
 
 def _end_with_parent() -> None:
