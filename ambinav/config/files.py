@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import yaml
 
@@ -28,6 +28,10 @@ def read_text(path: Path) -> str:
         ) from error
 
 
+MERGE: Final = "tag:yaml.org,2002:merge"
+"""Tag of the key `<<`, which takes in another mapping."""
+
+
 class _Loader(yaml.SafeLoader):
     """Safe loader that refuses a key that stands twice in a mapping, of which one would win."""
 
@@ -35,13 +39,15 @@ class _Loader(yaml.SafeLoader):
         """Construct a mapping whose keys differ."""
         known = set()
         for key, _ in node.value:
-            word = key.value if isinstance(key, yaml.ScalarNode) else None
+            if not isinstance(key, yaml.ScalarNode) or key.tag == MERGE:
+                continue
+            # With its type: 1 and "1" are two keys.
+            word = key.tag, key.value
             if word in known:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {word!r} stands there twice", key.start_mark
+                    None, None, f"the key {key.value!r} stands there twice", key.start_mark
                 )
-            if word is not None and key.tag != "tag:yaml.org,2002:merge":
-                known.add(word)
+            known.add(word)
         return super().construct_mapping(node, deep)
 
 

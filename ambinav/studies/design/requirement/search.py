@@ -27,7 +27,11 @@ from ambinav.studies.design.requirement.states import (
     State,
     Terms,
 )
-from ambinav.studies.design.requirement.trip_forecasts import TripForecaster, TripLosses
+from ambinav.studies.design.requirement.trip_forecasts import (
+    NoRouteError,
+    TripForecaster,
+    TripLosses,
+)
 
 Build: TypeAlias = Callable[[Environment, RangeScanner], AmbiguityMap]
 KEPT: Final = 24
@@ -109,7 +113,7 @@ class ChangeSearch:
         requirement: What must hold; None: as little bad floor as the budget allows.
         budget: Largest cost; None: not limited.
         report: Given a text, returns what is called with the share done.
-        trips: Trips of a requirement on lost robots.
+        forecaster: Trips of a requirement on lost robots.
     """
 
     def __init__(
@@ -120,9 +124,9 @@ class ChangeSearch:
         requirement: Requirement | None,
         budget: float | None,
         report: Report,
-        trips: TripForecaster | None = None,
+        forecaster: TripForecaster | None = None,
     ) -> None:
-        self.trips = trips
+        self.forecaster = forecaster
         self.environment, self.build, self.terms = environment, build, terms
         self.requirement, self.report = requirement, report
         self.limit = math.inf if budget is None else budget * (1.0 + SLACK)
@@ -177,7 +181,7 @@ class ChangeSearch:
         """Return the state within the budget that comes nearest to the requirement."""
         within = [state for state in self.states if state.cost <= self.limit]
         # Lost robots to the digit that is shown: nothing is bought for less.
-        digits = 15 if self.trips is None else 1
+        digits = 15 if self.forecaster is None else 1
         return min(
             within,
             key=lambda state: (
@@ -207,7 +211,9 @@ class ChangeSearch:
             edited = self.environment.edited(add=added)
             amap = self._map(edited, state.hardware) if added else self._bare[state.hardware]
             areas = floor.with_map(amap).areas()
-            losses = None if self.trips is None else self.trips.losses(amap, edited, added)
+            losses = (
+                None if self.forecaster is None else self.forecaster.losses(amap, edited, added)
+            )
             lost = None if losses is None else losses.lost
             state = replace(state, areas=areas, lost=lost)
             if len(self._mapped) >= KEPT:
@@ -242,9 +248,9 @@ class ChangeSearch:
     ) -> list[Candidate | None]:
         """Sort changes by gain per cost, each after those before it; None: the scanner.
 
-        For trips, in the order in which the search put them up, after the scanner.
+        For trips, the scanner first, and the obstacles as the search has them.
         """
-        if self.trips is not None:
+        if self.forecaster is not None:
             scanner = [] if hardware is self.with_nothing.hardware else [None]
             return [*scanner, *obstacles]
         with_it = self._obstacles_of(hardware).in_order(obstacles) if obstacles else ()
@@ -283,7 +289,7 @@ class ChangeSearch:
                     break
         done(1.0)
         candidates = [candidate for each in trials.values() for candidate in each.candidates]
-        if self.trips is not None:
+        if self.forecaster is not None:
             self._place_by_causes(hardware, candidates)
         return len(candidates)
 
@@ -319,7 +325,7 @@ class ChangeSearch:
     def _consider_batch(self, batch: Batch) -> None:
         """Keep the states of a batch, as far as they can be the solution."""
         *fewer, every = batch.states
-        if self.trips is None:
+        if self.forecaster is None:
             fewer = list(batch.states)
         elif self._is_payable(every.cost) and not self._consider(every):
             # A forecast needs a map: if all obstacles do not do, fewer are not tried.
@@ -330,7 +336,7 @@ class ChangeSearch:
     def _consider(self, state: State) -> bool:
         """Keep a state; take it as the solution, and return True, if it is the cheapest so far."""
         payable = self._is_payable(state.cost)
-        if self.trips is not None:
+        if self.forecaster is not None:
             if not payable:
                 return False
             # Until it has a map its areas are those of the weighted floor.
@@ -350,11 +356,9 @@ class ChangeSearch:
 
     def _usable(self, state: State) -> MappedState | None:
         """Return a state by a full map; None if its obstacles leave no route for a trip."""
-        if not state.obstacles:
-            return self.mapped(state)
         try:
             return self.mapped(state)
-        except InputError:
+        except NoRouteError:
             return None
 
     def _is_payable(self, cost: float) -> bool:

@@ -52,6 +52,10 @@ SEED: Final = 0
 """Seed of the drives, so that the same command reports the same figures."""
 
 
+class NoRouteError(InputError):
+    """There is no route of a trip."""
+
+
 @dataclass(frozen=True, eq=False)
 class TripLosses:
     """Lost robots on T trips in one building with one scanner.
@@ -141,7 +145,8 @@ class TripForecaster:
         notes: Warnings of the forecasts, such as on a scanner without calibration.
 
     Raises:
-        InputError: the robot does not fit at a place, or there is no route of a trip.
+        InputError: the robot does not fit at a place.
+        NoRouteError: there is no route of a trip.
     """
 
     def __init__(
@@ -178,7 +183,7 @@ class TripForecaster:
             added: These obstacles.
 
         Raises:
-            InputError: there is no route of a trip any more.
+            NoRouteError: there is no route of a trip any more.
         """
         routes = list(self._routes)
         outlines = shapely.union_all([obstacle.outline for obstacle in added])
@@ -226,7 +231,7 @@ class TripForecaster:
                     points[k] = path
         for k in numbers:
             if k not in points:
-                raise InputError(
+                raise NoRouteError(
                     f"{self._source}: no route of {self.trips[k].title} is found on explored floor "
                     f"that a robot of radius {reach.radius:g} m reaches, on a graph with steps of "
                     f"{step / FINER:.2g} m; move the places, give --start or a smaller "

@@ -26,7 +26,12 @@ from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.document import document
 from ambinav.studies.design.requirement.requirement import LEAST_LOST, Requirement
 from ambinav.studies.design.requirement.study import Solution, meet_requirement
-from ambinav.studies.design.requirement.trip_forecasts import NEAR, RUNS, TripForecaster
+from ambinav.studies.design.requirement.trip_forecasts import (
+    NEAR,
+    RUNS,
+    NoRouteError,
+    TripForecaster,
+)
 from ambinav.studies.design.requirement.trips import Trip, read_trips
 from tests.drive.cases import laser
 
@@ -215,6 +220,27 @@ def test_a_trip_without_a_route_is_refused() -> None:
         trips_of(environment=closed)
     with pytest.raises(InputError, match=r"dock at \(-1, 4\) m is outside of the map"):
         trips_of(Trip("dock", "east", (-1.0, 4.0), (14.5, 4.0)))
+
+
+def test_obstacles_that_close_a_trip_are_not_used(monkeypatch) -> None:
+    trips, wall = trips_of(), an.Obstacle.panel(8.0, 0.0, 8.0, 8.0)
+    closed = HALL.edited(add=[wall])
+    with pytest.raises(NoRouteError, match="no route of west to east"):
+        trips.losses(built(HALL, SCANNER), closed, [wall])
+    losses = TripForecaster.losses
+
+    def closed_by_two(self, amap, environment, added=()):
+        if len(added) == 2:
+            raise NoRouteError("places: no route")
+        return losses(self, amap, environment, added)
+
+    monkeypatch.setattr(TripForecaster, "losses", closed_by_two)
+    solution = meet_requirement(
+        HALL, SCANNER, built, Allowed.parse("posts=2"), Costs(post=40), rules,
+        find_reach(HALL, RADIUS), requirement=Requirement.parse("lost < 1 %"), trips=trips_of(),
+    )  # fmt: skip
+    assert solution.met is False
+    assert {len(state.obstacles) for state in solution.states} == {0, 1}
 
 
 def test_trips_are_for_requirements_on_lost_robots_alone() -> None:
