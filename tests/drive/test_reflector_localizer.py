@@ -187,9 +187,9 @@ def test_posts_beside_their_places_shift_the_estimate_more_than_it_says() -> Non
         )  # fmt: skip
         figures = metrics(drives)
         assert not figures.lost.any()
-        assert np.median(figures.nees) > 4.0
+        assert np.median(figures.nees) > 7.0
         errors.append(float(np.median(figures.position_rmse)))
-    assert errors[1] < errors[0] < 0.06
+    assert errors[1] < 0.03 < errors[0] < 0.05
 
 
 def test_what_cannot_be_used_is_refused() -> None:
