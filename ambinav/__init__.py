@@ -6,8 +6,7 @@ pulls in no optional package.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ambinav.maps import updater
 from ambinav.runtime.exports import exports
@@ -108,13 +107,11 @@ else:
     __all__, __getattr__, __dir__ = exports(__name__)
 
 
-def _update(
-    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
-) -> AmbiguityMap:
+def _update(amap: AmbiguityMap, env: Environment, **options: Any) -> AmbiguityMap:
     # Imported late: it loads the kernels.
     from ambinav.map_building.update import updated
 
-    return updated(amap, env, progress=progress)
+    return updated(amap, env, **options)
 
 
 updater.install(_update)

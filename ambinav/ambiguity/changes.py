@@ -8,12 +8,18 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms
+from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import repeated, row_keys
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments, edges_of
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
+
+# Metres; no building goes beyond.
+EVERYWHERE = 1e8
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +33,7 @@ class Changes:
         removed: End points of the segments that the first alone has, shape (K, 4), metres.
         added: Those that the second alone has, likewise.
         edges: All of these, and the edges of the spaces for scans and for footprints that one of
-            the two alone has.
+            the two alone has; in space also those, seen from above, of what one alone has.
     """
 
     removed: Floats
@@ -50,6 +56,8 @@ class Changes:
         edges = [removed, added]
         for first, second in pairs:
             edges += [first[~repeated(first, second)], second[~repeated(second, first)]]
+        if old.space is not None and new.space is not None:
+            edges += _in_space(old.space, new.space)
         return cls(removed, added, np.concatenate(edges))
 
     def boxes(self, margin: float) -> list[Box]:
@@ -75,9 +83,37 @@ def merged(boxes: Floats) -> list[Box]:
 
 def _rows(segments: Segments, others: Segments) -> Floats:
     """Return the rows that the other array does not contain."""
-    known = set(row_keys(np.column_stack([others.xy, others.kind])))
-    rows = row_keys(np.column_stack([segments.xy, segments.kind]))
-    return segments.xy[[row not in known for row in rows]].reshape(-1, 4)
+    mine, theirs = (np.column_stack([part.xy, part.kind]) for part in (segments, others))
+    return np.asarray(segments.xy[_missing(mine, theirs)])
+
+
+def _missing(rows: Floats, others: Floats) -> NDArray[np.bool_]:
+    """Return which rows the other array does not contain, bit for bit."""
+    known = set(row_keys(others))
+    return np.array([row not in known for row in row_keys(rows)], dtype=np.bool_)
+
+
+def _in_space(old: SpaceCaster, new: SpaceCaster) -> list[Floats]:
+    """Return edges around all that one of two buildings alone has, seen from above."""
+    if old.checksum == new.checksum:
+        return []
+    if isinstance(old, Prisms) and isinstance(new, Prisms):
+        rows = [np.column_stack([p.walls.xy, p.wall_z, p.walls.kind]) for p in (old, new)]
+        edges = [part[_missing(part, other)][:, :4] for part, other in _both_ways(*rows)]
+        starts = [np.empty((0, 4)) if p.free is None else edges_of(p.free) for p in (old, new)]
+        edges += [part[~repeated(part, other)] for part, other in _both_ways(*starts)]
+        if (old.floor, old.ceiling) == (new.floor, new.ceiling):
+            return edges
+    elif isinstance(old, Mesh) and isinstance(new, Mesh):
+        faces = [mesh.triangles.reshape(-1, 9) for mesh in (old, new)]
+        corners = [part[_missing(part, other)] for part, other in _both_ways(*faces)]
+        around = np.concatenate(corners).reshape(-1, 3, 3)[..., :2]
+        return [np.hstack([around.min(axis=1), around.max(axis=1)])]
+    return [np.array([[-EVERYWHERE, -EVERYWHERE, EVERYWHERE, EVERYWHERE]])]
+
+
+def _both_ways(first: Floats, second: Floats) -> tuple[tuple[Floats, Floats], ...]:
+    return (first, second), (second, first)
 
 
 def _body_edges(env: Environment) -> Floats:

@@ -1,4 +1,4 @@
-"""Solids added to a building in space."""
+"""Solids and thin walls added to a building in space."""
 
 from __future__ import annotations
 
@@ -7,28 +7,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.casting.prisms.prisms import Prisms, Solid
+from ambinav.casting.prisms.prisms import Prisms, Sheets, Solid
 from ambinav.casting.space import SpaceCaster
-from ambinav.casting.triangles import faces_of
+from ambinav.casting.triangles import faces_of, faces_of_sheets
+from ambinav.geometry.segments import REFLECTOR
 from ambinav.runtime.errors import InputError
 
 
-def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
+def with_solids(
+    space: SpaceCaster, solids: Sequence[Solid], sheets: Sheets | None = None
+) -> SpaceCaster:
     """Return the building with solids added: prisms with more solids, a mesh with more faces.
 
     Args:
         space: The building; it is left as it is.
         solids: What is put into it; it may overlap what is there.
+        sheets: Walls without thickness that are put into it; None: there are none.
 
     Raises:
-        InputError: the building is neither prisms nor a mesh.
+        InputError: the building is neither prisms nor a mesh, or it is a mesh and a face is a
+            reflector.
     """
+    sheets = Sheets.none() if sheets is None else sheets
     if isinstance(space, Prisms):
-        given = slice(space.sheets)
         return space.refilled(
-            space.walls.xy[given], space.wall_z[given], space.walls.kind[given],
-            solids=[*space.solids, *solids], free=space.free,
-        )  # fmt: skip
+            Sheets.joined([space.given, sheets]), solids=[*space.solids, *solids], free=space.free
+        )
     # Asked for its surfaces, a space that was not kept says so itself.
     count = len(space.surface_kind)
     if not isinstance(space, Mesh):
@@ -36,7 +40,12 @@ def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
             f"the building in space is a {type(space).__name__} of {count} surfaces, into which "
             "nothing can be put; give prisms or a mesh."
         )
-    triangles = [faces_of(solid) for solid in solids]
+    if REFLECTOR in {*sheets.kind.tolist(), *(solid.kind for solid in solids)}:
+        raise InputError(
+            f"{space.name}: it is a mesh, in which no face is known as a reflector; put up "
+            "obstacles that do not reflect, or give the building as a plan or an .ifc file."
+        )
+    triangles = [faces_of_sheets(sheets), *(faces_of(solid) for solid in solids)]
     corners = np.concatenate([np.empty((0, 3, 3)), *triangles]).reshape(-1, 3)
     fresh = np.arange(len(corners)).reshape(-1, 3) + len(space.vertices)
     return Mesh(

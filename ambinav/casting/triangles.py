@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.casting.prisms.prisms import Prisms, Solid
+from ambinav.casting.prisms.prisms import Prisms, Sheets, Solid
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.segments import edges_of
 from ambinav.runtime.errors import InputError
@@ -33,18 +33,23 @@ def triangles_of(
             f"the building in space is a {type(space).__name__} whose surfaces are not kept; give "
             "prisms or a mesh."
         )
-    a, b = np.split(space.walls.xy[: space.sheets], 2, axis=1)
-    low, high = space.wall_z[: space.sheets].T
-    corners = [((a, low), (b, low), (b, high)), ((a, low), (b, high), (a, high))]
-    sheets = [
-        np.stack([np.column_stack([xy, z]) for xy, z in triangle], axis=1) for triangle in corners
-    ]
     solids = [faces_of(solid) for solid in space.solids]
     if bounds is not None:
         outline = shapely.box(*bounds)
         lids = [z for z in (space.floor, space.ceiling) if np.isfinite(z)]
         solids += [faces_of(Solid(outline, z, z))[-4:-2] for z in lids]
-    return np.concatenate([*sheets, *solids])
+    return np.concatenate([faces_of_sheets(space.given), *solids])
+
+
+def faces_of_sheets(sheets: Sheets) -> NDArray[np.float64]:
+    """Return two triangles of each wall without thickness, (2 N, 3, 3), metres."""
+    a, b = np.split(sheets.xy, 2, axis=1)
+    low, high = sheets.z.T
+    corners = [((a, low), (b, low), (b, high)), ((a, low), (b, high), (a, high))]
+    triangles = [
+        np.stack([np.column_stack([xy, z]) for xy, z in triangle], axis=1) for triangle in corners
+    ]
+    return np.concatenate(triangles)
 
 
 def faces_of(solid: Solid) -> NDArray[np.float64]:

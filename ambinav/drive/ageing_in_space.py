@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 import shapely
@@ -14,13 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.prisms.prisms import NO_AREA, Prisms
+from ambinav.geometry.edit_in_space import GROUND, STANDING
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
-
-# Metres above the floor. What ends below is driven and stood on.
-GROUND: Final = 0.03
-# Metres above the floor. What begins below is what the plan shows, not what hangs over it.
-STANDING: Final = 0.3
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -67,8 +62,8 @@ def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: flo
 
 def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
     """Return prisms with moved walls and outlines; heights stay the same."""
-    given = slice(prisms.sheets)
-    rows, owner = bent_lines(prisms.walls.xy[given], moved, piece)
+    given = prisms.given
+    rows, owner = bent_lines(given.xy, moved, piece)
     solids = [
         replace(solid, outline=part)
         for solid in prisms.solids
@@ -76,9 +71,10 @@ def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float)
         if part.area > NO_AREA
     ]
     return prisms.refilled(
-        rows, prisms.wall_z[given][owner], prisms.walls.kind[given][owner], solids=solids,
+        given.among(owner)._replace(xy=rows),
+        solids=solids,
         free=None if prisms.free is None else bent_area(prisms.free, moved, piece),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,10 +204,9 @@ class Bodies:
         if free is not None and holes:
             before, after = (shapely.union_all(part) for part in zip(*holes, strict=True))
             free = free.union(before).difference(after)
+        sheets = prisms.given
         return prisms.refilled(
-            prisms.walls.xy[:count] + np.tile(by[:count], 2),
-            prisms.wall_z[:count],
-            prisms.walls.kind[:count],
+            sheets._replace(xy=sheets.xy + np.tile(by[:count], 2)),
             solids=[
                 replace(solid, outline=translated(solid.outline, shift)) if shift.any() else solid
                 for solid, shift in zip(prisms.solids, by[count:], strict=True)

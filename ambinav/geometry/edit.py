@@ -145,15 +145,15 @@ def _with_floor(
     for k in thin.tolist():
         left = shapely.difference(shapely.LineString(old.xy[k].reshape(2, 2)), shape)
         if left.length < old.lengths[k] - ON_BORDER:
-            pieces[k] = _straight(left)
+            pieces[k] = straight(left)
     owner, start, end = bare_pieces(old.xy[border], edges_of(free), ON_BORDER)
     for k in np.unique(owner).tolist():
         row, mine = old.xy[border[k]], owner == k
         ends = np.column_stack([start[mine], end[mine]])
         ends = ends[(ends[:, 1] - ends[:, 0]) * np.hypot(*(row[2:] - row[:2])) > 2.0 * ON_BORDER]
         # A part that lies behind a new obstacle does no harm; in the floor it would be a wall.
-        gone = _inside(_between(row, ends), free)
-        left = _between(row, _complement(ends))
+        gone = _inside(between(row, ends), free)
+        left = between(row, complement(ends))
         if gone.any() or not len(left):
             pieces[int(border[k])] = left
     stays = np.ones(len(old), dtype=np.bool_)
@@ -165,7 +165,7 @@ def _with_floor(
     edges = edges[~repeated(edges, kept)]
     owner, start, end = bare_pieces(edges, kept, ON_BORDER)
     fresh = np.concatenate(
-        [np.empty((0, 4)), *map(_between, edges[owner], np.column_stack([start, end])[:, None])]
+        [np.empty((0, 4)), *map(between, edges[owner], np.column_stack([start, end])[:, None])]
     )
     fresh = fresh[np.hypot(*(fresh[:, 2:] - fresh[:, :2]).T) > 2.0 * ON_BORDER]
     lit = shapely.dwithin(shapely.union_all(bright), _middles(fresh), ON_BORDER)
@@ -175,10 +175,8 @@ def _with_floor(
 
 def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
     """Return the building with a wall without thickness on the floor, or a tag on a wall."""
-    line, free, drivable = obstacle.outline, building.free, building.drivable
-    pieces = _straight(shapely.intersection(line, free))
-    pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
-    pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
+    line, drivable = obstacle.outline, building.drivable
+    pieces = on_floor(line, building.free)
     tagged = _with_reflectors(building, line) if obstacle.reflective else building
     if tagged is building:
         _check_on_floor(building, obstacle, float(len(pieces)))
@@ -197,24 +195,32 @@ def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
     )
 
 
+def on_floor(line: BaseGeometry, free: BaseGeometry) -> Floats:
+    """Return the straight pieces of a line on the floor that lie along no wall, shape (n, 4)."""
+    pieces = straight(shapely.intersection(line, free))
+    pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
+    long: Floats = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
+    return long
+
+
 def _with_reflectors(building: Building, line: BaseGeometry) -> Building:
     """Return the building with the walls along a line as reflectors; itself if there are none."""
     old = building.segments
     lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
     near = np.flatnonzero(shapely.dwithin(line, lines, NEAR))
-    owner, start, end = bare_pieces(old.xy[near], _straight(line), NEAR)
+    owner, start, end = bare_pieces(old.xy[near], straight(line), NEAR)
     stays = np.ones(len(old), dtype=np.bool_)
     rows, kinds = [np.empty((0, 4))], [old.kind[:0]]
     for k in range(len(near)):
         row = old.xy[near[k]]
         length = np.hypot(*(row[2:] - row[:2]))
         ends = np.column_stack([start[owner == k], end[owner == k]])
-        covered = _complement(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
+        covered = complement(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
         covered = covered[(covered[:, 1] - covered[:, 0]) * length > SHORTEST]
         if len(covered):
             stays[near[k]] = False
-            bare = _between(row, _complement(covered))
-            rows += [bare, _between(row, covered)]
+            bare = between(row, complement(covered))
+            rows += [bare, between(row, covered)]
             kinds.append(np.full(len(bare), old.kind[near[k]]))
             kinds.append(np.full(len(covered), REFLECTOR))
     if stays.all():
@@ -261,7 +267,7 @@ def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
     return inside
 
 
-def _straight(shape: BaseGeometry) -> Floats:
+def straight(shape: BaseGeometry) -> Floats:
     """Return the straight pieces of the lines in a shape, shape (n, 4)."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     lines = parts[shapely.get_dimensions(parts) == 1]
@@ -270,13 +276,13 @@ def _straight(shape: BaseGeometry) -> Floats:
     return pieces
 
 
-def _complement(ends: Floats) -> Floats:
+def complement(ends: Floats) -> Floats:
     """Return the parts of [0, 1] outside of ascending intervals, each of shape (n, 2)."""
     inner = np.concatenate([[0.0], ends.ravel(), [1.0]]).reshape(-1, 2)
     return inner[inner[:, 1] > inner[:, 0]]
 
 
-def _between(row: Floats, ends: Floats) -> Floats:
+def between(row: Floats, ends: Floats) -> Floats:
     """Return pieces of a row by start and end shares; the row's own ends stay exact."""
     a, b = row[:2], row[2:]
     at = a + ends[:, :, None] * (b - a)

@@ -23,6 +23,7 @@ from ambinav.casting.space import SpaceCaster
 from ambinav.config import as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
+from ambinav.geometry.edit_in_space import edited_space
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
@@ -371,12 +372,11 @@ class Environment:
             footprints: False: it is only for rays, and its `collision` is not valid.
 
         Returns:
-            The building itself, if it lies in the box; None if no free space does.
-
-        Raises:
-            InputError: it is a building in space.
+            The building itself, if it lies in the box or is in space, where nothing is triangulated
+            for rays; None if no free space does.
         """
-        plane_only(self, "a window of a building")
+        if self.space is not None:
+            return self
         a, b = np.array(bounds), np.array(self.free.bounds)
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
@@ -408,6 +408,9 @@ class Environment:
         and footprints (`collision`), and occupy the cells of an occupancy map. Geometry hidden
         behind an obstacle may keep its segment.
 
+        In space obstacles have heights (`Obstacle`), and tags are a few millimetres in front of
+        their walls. What hangs over a removed part stays.
+
         Args:
             add: Obstacles to add, see `ambinav.geometry.obstacle`.
             remove: Polygon or MultiPolygon, metres: everything in it becomes floor, including walls
@@ -420,12 +423,14 @@ class Environment:
 
         Raises:
             InputError: an obstacle lies outside the floor, or they cover all of it; `remove` is no
-                sound polygon; or occupied cells are not known (`AmbiguityMap.environment`); or it
-                is a building in space.
+                sound polygon; or occupied cells are not known (`AmbiguityMap.environment`); or in
+                space see `edited_space`.
         """
-        plane_only(self, "an edited building")
         before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
         after, changed = applied(before, add, remove)
+        space = self.space
+        if space is not None and (changed or len(add)):
+            space, changed = edited_space(space, self.floor, before, after, add, remove), True
         if not changed and name in (None, self.name):
             return self
         away = "" if remove is None else ", a part removed"
@@ -442,4 +447,6 @@ class Environment:
             extent=self.extent,
             occupancy=after.occupancy,
             drivable=after.drivable,
+            space=space,
+            floor=self.floor,
         )

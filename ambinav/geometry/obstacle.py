@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
@@ -30,17 +30,22 @@ class Obstacle:
             frame, metres.
         reflective: Whether its faces are `ambinav.geometry.segments.REFLECTOR` and not `WALL`. A
             reflective line along a wall is a tag on it.
+        bottom: Height of its lower edge above the floor in a building in space, metres. A plan has
+            no heights, and a robot passes neither under it nor over it.
+        top: Height of its upper edge likewise; None: as high as the building.
 
     Raises:
         InputError: the outline is of another type, crosses itself, has no extent, or a coordinate
-            is not finite.
+            is not finite; or the heights are not ascending from 0 on.
     """
 
     outline: BaseGeometry
     reflective: bool = False
+    bottom: float = 0.0
+    top: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the outline."""
+        """Check the outline and the heights."""
         outline = self.outline
         if not isinstance(outline, shapely.LineString | shapely.Polygon):
             kind = getattr(outline, "geom_type", type(outline).__name__)
@@ -55,6 +60,17 @@ class Obstacle:
                 "different ends, or a polygon three corners that are not in line."
             )
         object.__setattr__(self, "outline", outline)
+        if not (math.isfinite(self.bottom) and self.bottom >= 0.0):
+            raise InputError(f"obstacle: bottom is {self.bottom}; give at least 0 metres.")
+        if self.top is not None and not self.bottom < self.top < math.inf:
+            raise InputError(
+                f"obstacle: top is {self.top:g}; give a height above its bottom of "
+                f"{self.bottom:g} metres, or none for the height of the building."
+            )
+
+    def between(self, bottom: float, top: float | None) -> Obstacle:
+        """Return the obstacle with other heights above the floor, metres; see the class."""
+        return replace(self, bottom=bottom, top=top)
 
     @property
     def solid(self) -> bool:

@@ -5,7 +5,8 @@ a robot can stand and go there. So a pose is computed again if in its neighbourh
 
 - a robot can stand where it could not before, or the other way round;
 - a changed wall is near enough to part neighbours of the lattice; or
-- a ray meets a wall that is new, or met one that is gone (`ambinav.ambiguity.sight`).
+- a ray meets a wall that is new, or met one that is gone (`ambinav.ambiguity.sight`); in space a
+  beam returns something else.
 
 All else is taken over. Numbers are those of `build_map`, which does the same at every pose.
 """
@@ -28,9 +29,8 @@ from ambinav.ambiguity.changes import Box, Changes
 from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
-from ambinav.ambiguity.returns import BEYOND
+from ambinav.ambiguity.returns import BEYOND, panorama_returns
 from ambinav.ambiguity.sight import SightRays, sees
-from ambinav.casting.scans import plane_only
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.context import LayerContext
@@ -54,16 +54,23 @@ SLACK = 0.1
 MOST_LINES = 1000
 # More boxes than this are merged into one.
 MOST_BOXES = 8
+# Beams of poses in space whose returns are compared at a time.
+SCANNED = 4_000_000
 
 
 def updated(
-    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+    amap: AmbiguityMap,
+    env: Environment,
+    *,
+    before: Environment | None = None,
+    progress: bool | Callable[[float], None] = False,
 ) -> AmbiguityMap:
     """Return the map `build_map` makes of `env` with the settings of `amap`.
 
     Args:
         amap: A map.
         env: The building as it is now, see `Environment.edited`.
+        before: As `AmbiguityMap.update` takes it.
         progress: As `build_map` takes it.
 
     Returns:
@@ -71,12 +78,30 @@ def updated(
 
     Raises:
         InputError: the map does not say how it was made, or was made by another version; or the
-            robot can stand nowhere in `env`; or one of the two is in space.
+            robot can stand nowhere in `env`; or in space `before` is not the map's building.
     """
-    plane_only(env, "an updated map")
-    plane_only(amap.environment, "an updated map")
+    old = _mapped(amap, env, before)
     with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
-        return _Update.of(amap, env).run(report)
+        return _Update.of(amap, old, env).run(report)
+
+
+def _mapped(amap: AmbiguityMap, env: Environment, before: Environment | None) -> Environment:
+    """Return the building of a map, with what rays meet; see `updated`."""
+    kept = amap.environment
+    if (kept.space is None) != (env.space is None):
+        kinds = ["a plan" if part.space is None else "in space" for part in (kept, env)]
+        raise InputError(
+            f"{env.name}: it is {kinds[1]}, and the building of the map is {kinds[0]}; make a new "
+            "map with build_map."
+        )
+    if kept.space is None:
+        return kept
+    if before is None or before.space is None or before.space.checksum != kept.space.checksum:
+        raise InputError(
+            f"{env.name}: the map does not keep its building in space, and what has changed is not "
+            "known; give the building of the map: amap.update(env, before=building)."
+        )
+    return before
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +161,7 @@ class _Update:
 
     Attributes:
         amap: The map.
+        old: The building of the map.
         env: The building.
         context: Scanner, headings and parameters of the map.
         scanner: The scanner as it was given.
@@ -147,6 +173,7 @@ class _Update:
     """
 
     amap: AmbiguityMap
+    old: Environment
     env: Environment
     context: LayerContext
     scanner: RangeScanner
@@ -157,7 +184,7 @@ class _Update:
     changes: Changes
 
     @classmethod
-    def of(cls, amap: AmbiguityMap, env: Environment) -> _Update:
+    def of(cls, amap: AmbiguityMap, old: Environment, env: Environment) -> _Update:
         """Compare the building with that of the map."""
         text = amap.dataset.attrs.get("scanner_yaml")
         scanner = None if text is None else _scanner_of(text)
@@ -169,6 +196,7 @@ class _Update:
         body = context.model.robot_radius > 0.0
         return cls(
             amap,
+            old,
             env,
             context,
             scanner or context.scanner,
@@ -176,7 +204,7 @@ class _Update:
             before,
             after,
             before.around(after),
-            Changes.between(amap.environment, env, body),
+            Changes.between(old, env, body),
         )
 
     @property
@@ -245,7 +273,7 @@ class _Update:
 
     def judge(self) -> FloorJudge:
         """Return the judge of the floor, recomputed only where room for a body changed."""
-        old, changes = self.amap.environment, self.changes
+        old, changes = self.old, self.changes
         if old.drivable is not None or self.env.drivable is not None:
             changes = Changes.between(old, self.env, True)
         judge = self.amap.judge
@@ -308,9 +336,25 @@ class _Update:
             xs, ys = np.meshgrid(x[columns], y[rows])
             stale[rows, columns] |= shapely.dwithin(edges, shapely.points(xs, ys), near)
         row, column = np.nonzero(in_reach & free & ~stale)
-        for env, lines in ((self.amap.environment, changes.removed), (self.env, changes.added)):
+        if self.env.space is not None:
+            stale[row, column] = self.scans_differ(x[column], y[row])
+            return stale
+        for env, lines in ((self.old, changes.removed), (self.env, changes.added)):
             stale[row, column] |= sees(env.grid, lines, x[column], y[row], rays)
         return stale
+
+    def scans_differ(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
+        """Return at which poses, shape (N,), a beam returns something else than before."""
+        scanner, table, headings = self.context.scanner, self.context.table, self.context.headings
+        step = max(SCANNED // (len(headings) * len(table.limit)), 1)
+        differ = np.empty(len(x), dtype=np.bool_)
+        for low in range(0, len(x), step):
+            part = slice(low, low + step)
+            returns = np.empty((2, len(headings), len(x[part]), 5, len(table.limit)), np.float32)
+            for env, data in zip((self.old, self.env), returns, strict=True):
+                panorama_returns(env, scanner, table, x[part], y[part], headings, data)
+            differ[part] = (returns[0] != returns[1]).any(axis=(0, 2, 3))
+        return differ
 
     def rays(self) -> SightRays:
         """Return the rays of the beams at all headings."""

@@ -115,7 +115,11 @@ class AmbiguityMap:
         store.write(self.dataset, Address.of(path, storage_options))
 
     def update(
-        self, env: Environment, *, progress: bool | Callable[[float], None] = False
+        self,
+        env: Environment,
+        *,
+        before: Environment | None = None,
+        progress: bool | Callable[[float], None] = False,
     ) -> AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
@@ -124,6 +128,8 @@ class AmbiguityMap:
 
         Args:
             env: The building, see `Environment.edited`.
+            before: The building of this map, if it is in space: of that a map keeps the floor
+                alone. Of a plan it is known.
             progress: True for a progress bar on standard error, or a function that is called with
                 the share done, from 0 to 1.
 
@@ -132,9 +138,9 @@ class AmbiguityMap:
 
         Raises:
             InputError: the map lacks its parameters, or was made by another version; or the robot
-                fits nowhere in `env`.
+                fits nowhere in `env`; or in space `before` is missing or another building.
         """
-        changed: AmbiguityMap = updater.installed()(self, env, progress=progress)
+        changed: AmbiguityMap = updater.installed()(self, env, before=before, progress=progress)
         return changed
 
     @property

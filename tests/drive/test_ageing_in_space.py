@@ -116,13 +116,7 @@ def test_what_touches_a_wall_above_the_floor_stays() -> None:
     # A board over the table, from it to the wall.
     board = Solid(shapely.box(4.6, 3.5, 4.8, 8.0), 0.72, 0.74)
     space = prisms(env)
-    n = space.sheets
-    tied = env.in_space(
-        space.refilled(
-            space.walls.xy[:n], space.wall_z[:n], space.walls.kind[:n],
-            solids=[*space.solids, board], free=space.free,
-        )
-    )  # fmt: skip
+    tied = env.in_space(space.refilled(space.given, solids=[*space.solids, board], free=space.free))
     for seed in range(5):
         world = with_moved_furniture(tied, 0.5, np.random.default_rng(seed), 0.3)
         assert prisms(world).solids[:5] == space.solids[:5]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -47,6 +48,40 @@ class Solid:
     bottom: float
     top: float
     kind: int = WALL
+
+
+class Sheets(NamedTuple):
+    """Upright walls without thickness.
+
+    Attributes:
+        xy: End points, shape (N, 4), metres, map frame.
+        z: Lowest and highest z of each, shape (N, 2), metres.
+        kind: Kind of each, shape (N,); see `ambinav.geometry.segments`.
+    """
+
+    xy: NDArray[np.float64]
+    z: NDArray[np.float64]
+    kind: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, xy: NDArray[np.float64], low: float, high: float, kind: int = WALL) -> Sheets:
+        """Make sheets of one height and kind, see the class."""
+        count = len(xy)
+        return cls(xy, np.tile((low, high), (count, 1)), np.full(count, kind, dtype=np.uint8))
+
+    @classmethod
+    def none(cls) -> Sheets:
+        """Return no sheets."""
+        return cls.of(np.empty((0, 4)), 0.0, 0.0)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Sheets]) -> Sheets:
+        """Return the sheets of all parts, in order."""
+        return cls(*map(np.concatenate, zip(cls.none(), *parts, strict=True)))
+
+    def among(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Sheets:
+        """Return some of the sheets."""
+        return Sheets(self.xy[rows], self.z[rows], self.kind[rows])
 
 
 class Prisms(PrismCaster):
@@ -127,18 +162,17 @@ class Prisms(PrismCaster):
         """Return counts as text."""
         return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
 
+    @property
+    def given(self) -> Sheets:
+        """The given walls, those that are no side of a solid."""
+        return Sheets(self.walls.xy, self.wall_z, self.walls.kind).among(slice(self.sheets))
+
     def refilled(
-        self,
-        xy: ArrayLike,
-        z: ArrayLike,
-        kind: ArrayLike,
-        *,
-        solids: Sequence[Solid],
-        free: BaseGeometry | None,
+        self, sheets: Sheets, *, solids: Sequence[Solid], free: BaseGeometry | None
     ) -> Prisms:
         """Return other walls, solids and plan between the same floor and ceiling; see the class."""
         floor, ceiling = (None if math.isinf(z) else z for z in (self.floor, self.ceiling))
-        return Prisms(xy, z, kind, solids=solids, floor=floor, ceiling=ceiling, free=free)
+        return Prisms(*sheets, solids=solids, floor=floor, ceiling=ceiling, free=free)
 
     @cached_property
     def checksum(self) -> str:
