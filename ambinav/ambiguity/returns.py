@@ -18,7 +18,7 @@ from ambinav.ambiguity.indistinguishability import (
 )
 from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.casting.plane.added import AddedWalls
-from ambinav.casting.scans import check_rays, plane_only, scan_rays
+from ambinav.casting.scans import check_rays, scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.localization.casting import echo_normal
@@ -287,8 +287,7 @@ def panorama_returns(
         added: Walls that stand in the building besides its own.
 
     Raises:
-        InputError: the building and the scanner do not go together (`check_rays`), or walls are
-            added to a building in space.
+        InputError: the building and the scanner do not go together (`check_rays`).
     """
     rays = scanner.rays(env.space is not None)
     # A copy can be written to: the kernel would be compiled anew for a stored map's coordinates.
@@ -321,9 +320,10 @@ def panorama_returns(
     # A plan accepts only level rays.
     up = cast[:, 3:] if env.space is not None else np.zeros((len(cast), 2))
     if added is not None:
-        plane_only(env, "an added wall")
-        normals = np.concatenate([normals, added.normals])
-        kind = np.concatenate([kind, added.kind])
+        first_added = len(normals)
+        normals = np.concatenate([normals, added.normals[:, : normals.shape[1]]])
+        kind = np.concatenate([kind, added.face_kind])
+        placed = np.column_stack([cast[:, :3], up + np.array([env.floor, 0.0])])
     for low in range(0, len(x), step):
         part = slice(low, low + step)
         distance, segment, incidence = scan_rays(
@@ -332,9 +332,7 @@ def panorama_returns(
         )  # fmt: skip
         if added is not None:
             hits = distance, segment, incidence
-            added.shorten(
-                x[part], y[part], float(headings[0]), cast, reach, len(env.segments), hits
-            )
+            added.shorten(x[part], y[part], float(headings[0]), placed, reach, first_added, hits)
         run_rows(
             _beam_returns, len(distance), distance, segment, incidence, which,
             normals, kind == FRONTIER, rays.origin,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import shapely
@@ -37,6 +37,22 @@ STANDING: Final = 0.3
 TAG: Final = 2e-3
 
 Floats = NDArray[np.float64]
+
+
+class Plan(Protocol):
+    """Plan of a building: a `Building`, or an `Environment`."""
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+
+    @property
+    def segments(self) -> Segments:
+        """Walls and frontiers."""
+
+    @property
+    def free(self) -> BaseGeometry:
+        """Free space, metres."""
 
 
 def edited_space(
@@ -79,13 +95,13 @@ def top_of(space: SpaceCaster) -> float:
 
 
 def bodies_of(
-    obstacles: Sequence[Obstacle], plan: Building, floor: float, top: float
+    obstacles: Sequence[Obstacle], plan: Plan, floor: float, top: float
 ) -> tuple[list[Solid], Sheets]:
     """Return obstacles as solids, and as sheets: walls without thickness, and tags on walls.
 
     Args:
         obstacles: The obstacles.
-        plan: Plan of the building in which they stand, with the solid ones cut out.
+        plan: The building in which they stand.
         floor: z of the floor, metres.
         top: z up to which those without a height of their own reach, metres.
 
@@ -113,12 +129,12 @@ def bodies_of(
     return solids, Sheets.joined(sheets)
 
 
-def _before_walls(line: BaseGeometry, on_floor_rows: Floats, plan: Building) -> Floats:
+def _before_walls(line: BaseGeometry, on_floor_rows: Floats, plan: Plan) -> Floats:
     """Return the parts of a line along walls, shifted to the sides where there is floor."""
     rows = straight(line)
     along = _parts(rows, plan.segments.xy, NEAR, covered=True)
     along = _parts(along, on_floor_rows, NEAR, covered=False)
-    normal = Segments(along, np.zeros(len(along))).normals
+    normal = Segments(along, np.zeros(len(along), dtype=np.uint8)).normals
     shifted = [along + sign * TAG * np.tile(normal, 2) for sign in (-1.0, 1.0)]
     sides = np.concatenate(shifted)
     middle = (sides[:, :2] + sides[:, 2:]) / 2

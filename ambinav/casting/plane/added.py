@@ -1,8 +1,11 @@
 """Walls added in front of those of a building: rays that meet them end there.
 
 An obstacle only ever shortens rays. So what a building with one more obstacle returns is, ray by
-ray, the nearer of what it returned before and of the obstacle's own edges: no triangulation is made
+ray, the nearer of what it returned before and of the obstacle's own faces: no triangulation is made
 anew. Each obstacle is looked at only by rays that come near it (a circle around it).
+
+In space an edge is a wall between two heights, and an obstacle with an area has a bottom and a top
+besides. In the plane rays are level, and walls have no end.
 """
 
 from __future__ import annotations
@@ -27,21 +30,40 @@ SAME = 1e-6
 class AddedWalls:
     """Edges of K added obstacles.
 
+    Faces are numbered: the E edges, then bottom and top of each obstacle.
+
     Attributes:
         xy: End points of the E edges, float64, shape (E, 4), metres, map frame.
-        kind: Kind of each edge, see `ambinav.geometry.segments`, uint8, shape (E,).
+        kind: Kind of each obstacle, see `ambinav.geometry.segments`, uint8, shape (K,).
         start: Obstacle k owns the edges start[k] to start[k + 1] - 1, int64, shape (K + 1,).
         circle: x, y and radius of a circle around each, float64, shape (K, 3).
+        z: Lowest and highest z of each, float64, shape (K, 2), metres; without end in the plane.
+        solid: Whether its edges enclose an area, bool, shape (K,).
     """
 
     xy: NDArray[np.float64]
     kind: NDArray[np.uint8]
     start: NDArray[np.int64]
     circle: NDArray[np.float64]
+    z: NDArray[np.float64]
+    solid: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, edges: Sequence[NDArray[np.float64]], kinds: Sequence[int]) -> AddedWalls:
-        """Make the walls from the edges of each obstacle, shape (E_k, 4), and the kind of each."""
+    def of(
+        cls,
+        edges: Sequence[NDArray[np.float64]],
+        kinds: Sequence[int],
+        z: Sequence[tuple[float, float]] | None = None,
+        solid: Sequence[bool] | None = None,
+    ) -> AddedWalls:
+        """Make the walls of obstacles.
+
+        Args:
+            edges: Edges of each, shape (E_k, 4).
+            kinds: Kind of each.
+            z: Lowest and highest z of each, metres; None: in the plane.
+            solid: Whether its edges enclose an area; read in space alone.
+        """
         counts = [len(part) for part in edges]
         circle = np.empty((len(edges), 3))
         for row, part in zip(circle, edges, strict=True):
@@ -50,9 +72,11 @@ class AddedWalls:
             row[2] = np.hypot(*(corners - row[:2]).T).max()
         return cls(
             np.ascontiguousarray(np.concatenate([*edges, np.empty((0, 4))])),
-            np.repeat(np.array(kinds, dtype=np.uint8), counts),
+            np.array(kinds, dtype=np.uint8),
             np.cumsum([0, *counts]),
             circle,
+            np.array([(-math.inf, math.inf)] * len(edges) if z is None else z).reshape(-1, 2),
+            np.array([False] * len(edges) if solid is None else solid, dtype=np.bool_),
         )
 
     def __add__(self, other: AddedWalls) -> AddedWalls:
@@ -62,15 +86,29 @@ class AddedWalls:
             np.concatenate([self.kind, other.kind]),
             np.concatenate([self.start, self.start[-1] + other.start[1:]]),
             np.concatenate([self.circle, other.circle]),
+            np.concatenate([self.z, other.z]),
+            np.concatenate([self.solid, other.solid]),
         )
 
     @property
+    def faces(self) -> int:
+        """Number of faces: those of the edges, and two of each obstacle."""
+        return len(self.xy) + 2 * len(self.kind)
+
+    @property
     def normals(self) -> NDArray[np.float64]:
-        """Unit normals of the edges, to the left of a to b, shape (E, 2)."""
+        """Unit normals of the faces: left of a to b, or upward; shape (E + 2 K, 3)."""
         along = self.xy[:, 2:] - self.xy[:, :2]
-        normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        normal = np.zeros((self.faces, 3))
+        normal[: len(along), 0], normal[: len(along), 1] = -along[:, 1], along[:, 0]
+        normal[len(along) :, 2] = 1.0
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return normal
+
+    @property
+    def face_kind(self) -> NDArray[np.uint8]:
+        """Kind of each face, shape (E + 2 K,)."""
+        return np.concatenate([np.repeat(self.kind, np.diff(self.start)), np.repeat(self.kind, 2)])
 
     def shorten(
         self,
@@ -82,20 +120,21 @@ class AddedWalls:
         first: int,
         hits: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]],
     ) -> None:
-        """Shorten the rays that meet an edge before they meet the building.
+        """Shorten the rays that meet a face before they meet the building.
 
         Args:
             x: Poses, shape (N,), metres, map frame.
             y: Poses, shape (N,), metres.
             theta: Heading of all of them, radians.
-            rays: Angle (radians) and origin x, y (metres) of R rays, robot frame, shape (R, 3).
+            rays: Angle (radians), origin x, y and z (metres, z in the map frame) and elevation
+                (radians) of R rays, robot frame, shape (R, 5).
             reach: How far they look, metres.
-            first: Number that hits give to the first edge.
+            first: Number that hits give to the first face.
             hits: Written: what `scan_rays` returns.
         """
         run_rows(
             _shorten, len(x), x, y, theta, rays, reach, first, self.xy, self.start, self.circle,
-            *hits, least=256,
+            self.z, self.solid, *hits, least=256,
         )  # fmt: skip
 
     def seen_by(
@@ -106,12 +145,12 @@ class AddedWalls:
         beam: NDArray[np.int64],
         limit: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Return which poses see an edge nearer than the range of their beams without it.
+        """Return which poses see a face nearer than the range of their beams without it.
 
         Args:
             x: Poses, shape (N,), metres, map frame.
             y: Poses, shape (N,), metres.
-            rays: Angle (radians) and origin x, y (metres) of R rays at heading 0, shape (R, 3).
+            rays: R rays at heading 0 as `shorten` takes them, shape (R, 5).
             beam: Which column of `limit` each ray belongs to, int64, shape (R,).
             limit: Farthest that a beam sees at each pose, metres, shape (N, B).
 
@@ -120,21 +159,28 @@ class AddedWalls:
         """
         seen = np.zeros(len(x), dtype=np.bool_)
         run_rows(
-            _seen, len(x), x, y, rays, beam, limit, self.xy, self.start, self.circle, seen,
-            least=256,
+            _seen, len(x), x, y, rays, beam, limit, self.xy, self.start, self.circle, self.z,
+            self.solid, seen, least=256,
         )  # fmt: skip
         return seen
 
 
 @kernel
-def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
-    """Return the distance to the nearest edge along a ray, and its index; `reach`, -1 for none."""
+def _nearest_face(px, py, pz, ux, uy, slope, reach, xy, start, circle, z, solid):
+    """Return the level distance to the nearest face along a ray, and the face; `reach`, -1: none.
+
+    (ux, uy) is the ray's direction seen from above, `slope` the tangent of its elevation.
+    """
     best, nearest = reach, -1
     for k in range(circle.shape[0]):
         cx, cy = circle[k, 0] - px, circle[k, 1] - py
         r = circle[k, 2]
         if abs(ux * cy - uy * cx) > r or not -r <= ux * cx + uy * cy <= best + r:
             continue
+        bottom = top = np.inf
+        if slope != 0.0:
+            bottom, top = (z[k, 0] - pz) / slope, (z[k, 1] - pz) / slope
+        over_bottom = over_top = False
         for e in range(start[k], start[k + 1]):
             ax, ay = xy[e, 0] - px, xy[e, 1] - py
             ex, ey = xy[e, 2] - xy[e, 0], xy[e, 3] - xy[e, 1]
@@ -143,42 +189,65 @@ def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
                 continue
             along = (ax * ey - ay * ex) / cross
             share = (ax * uy - ay * ux) / cross
-            if 0.0 <= share <= 1.0 and 0.0 <= along < best:
+            if not 0.0 <= share <= 1.0:
+                continue
+            if 0.0 <= along < best and z[k, 0] <= pz + slope * along <= z[k, 1]:
                 best, nearest = along, e
+            if share < 1.0:
+                # A point is above the outline if the ray crosses that an odd number of times after.
+                over_bottom ^= along > bottom
+                over_top ^= along > top
+        if solid[k] and over_bottom and 0.0 <= bottom < best:
+            best, nearest = bottom, xy.shape[0] + 2 * k
+        if solid[k] and over_top and 0.0 <= top < best:
+            best, nearest = top, xy.shape[0] + 2 * k + 1
     return best, nearest
 
 
 @kernel
 def _shorten(
-    begin, end, x, y, theta, rays, reach, first, xy, start, circle, distance, segment, incidence
-):
+    begin, end, x, y, theta, rays, reach, first, xy, start, circle, z, solid, distance, segment,
+    incidence,
+):  # fmt: skip
     c, s = math.cos(theta), math.sin(theta)
     ux, uy = np.cos(rays[:, 0] + theta), np.sin(rays[:, 0] + theta)
+    flat, rise = np.cos(rays[:, 4]), np.sin(rays[:, 4])
     for p in range(begin, end):
         for r in range(rays.shape[0]):
             if math.isnan(distance[p, r]):
                 continue
             px = x[p] + c * rays[r, 1] - s * rays[r, 2]
             py = y[p] + s * rays[r, 1] + c * rays[r, 2]
-            far = min(distance[p, r] + SAME, reach)
-            d, e = _nearest_edge(px, py, ux[r], uy[r], far, xy, start, circle)
-            if e < 0:
+            far = min(distance[p, r] + SAME, reach) * flat[r]
+            slope = rise[r] / flat[r]
+            d, f = _nearest_face(
+                px, py, rays[r, 3], ux[r], uy[r], slope, far, xy, start, circle, z, solid
+            )
+            if f < 0:
                 continue
-            distance[p, r], segment[p, r] = d, first + e
+            distance[p, r], segment[p, r] = d / flat[r], first + f
             if incidence.size > 0:
-                ex, ey = xy[e, 2] - xy[e, 0], xy[e, 3] - xy[e, 1]
-                along = abs(ux[r] * ex + uy[r] * ey)
-                incidence[p, r] = math.atan2(along, abs(ux[r] * ey - uy[r] * ex))
+                facing, aside = abs(rise[r]), flat[r]
+                if f < xy.shape[0]:
+                    ex, ey = xy[f, 2] - xy[f, 0], xy[f, 3] - xy[f, 1]
+                    facing = abs(ux[r] * ey - uy[r] * ex) * flat[r]
+                    along = (ux[r] * ex + uy[r] * ey) * flat[r]
+                    aside = math.hypot(along, rise[r] * math.hypot(ex, ey))
+                incidence[p, r] = math.atan2(aside, facing)
 
 
 @kernel
-def _seen(begin, end, x, y, rays, beam, limit, xy, start, circle, seen):
+def _seen(begin, end, x, y, rays, beam, limit, xy, start, circle, z, solid, seen):
     ux, uy = np.cos(rays[:, 0]), np.sin(rays[:, 0])
+    flat, rise = np.cos(rays[:, 4]), np.sin(rays[:, 4])
     for p in range(begin, end):
         for r in range(rays.shape[0]):
             px, py = x[p] + rays[r, 1], y[p] + rays[r, 2]
-            far = limit[p, beam[r]] + ROUNDING
-            _, e = _nearest_edge(px, py, ux[r], uy[r], far, xy, start, circle)
-            if e >= 0:
+            far = (limit[p, beam[r]] + ROUNDING) * flat[r]
+            _, f = _nearest_face(
+                px, py, rays[r, 3], ux[r], uy[r], rise[r] / flat[r], far, xy, start, circle, z,
+                solid,
+            )  # fmt: skip
+            if f >= 0:
                 seen[p] = True
                 break

@@ -96,6 +96,49 @@ def test_effects_are_those_of_an_updated_map() -> None:
     np.testing.assert_allclose(now.radii[2, known, 0], expected[known], atol=TOLERANCE)
 
 
+IN_SPACE = {
+    "level": (laser().raised(0.5), False),
+    "fan off the centre": (laser(math.pi, (0.12, 0.03, 0.003)).raised(0.5), False),
+    "layers": (
+        an.RangeScanner.layered(
+            an.RangeSensor(max_range=3.0, std=0.03, resolution=0.001), 24, [-0.3, 0.0, 0.2], z=0.5
+        ),
+        False,
+    ),
+    "intensities": (
+        laser(2 * math.pi, (0.0, 0.0, 0.003))
+        .with_intensity(Intensity(wall=100.0, reflector=400.0, std=60.0))
+        .raised(0.5),
+        True,
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IN_SPACE)
+def test_effects_in_space_are_those_of_the_changed_building(name: str) -> None:
+    """Low, high and hanging obstacles, and tags, each of which only some rays meet."""
+    scanner, reflect = IN_SPACE[name]
+    env = corridor().in_space(an.extruded(corridor(), 2.5))
+    added = [
+        Obstacle.post(3.03, 1.02, 0.15, reflective=reflect).between(0.0, 0.4),
+        Obstacle.post(7.03, 1.93, 0.1, reflective=reflect).between(0.0, 1.1),
+        Obstacle.panel(9.03, 0.72, 9.47, 1.13, 0.04, reflective=reflect).between(0.45, None),
+        Obstacle.panel(5.03, 0.52, 5.41, 0.93, reflective=reflect).between(0.2, 0.8),
+    ]
+    if reflect:
+        added.append(Obstacle.wall([(1.0, 2.0), (1.6, 2.0)], reflective=True).between(0.3, 0.7))
+    now = effects(env, scanner, reflect)
+    for obstacle in added:
+        now.put(now.tried([obstacle]))
+    built = an.build_map(env.edited(add=added), scanner, SPACING, store=False)
+    expected = built.dataset["level"].values[now.lattice.free].reshape(len(now.x), -1)
+    known = np.isfinite(expected) & now.possible
+    assert (np.isfinite(expected) == now.possible).all()
+    np.testing.assert_allclose(now.radii[2][known], expected[known], atol=TOLERANCE)
+    assert np.nanmax(np.abs(now.radii[2] - effects(env, scanner, reflect).radii[2])) > 0.01
+
+
 def test_one_after_the_other_is_all_at_once() -> None:
     env, scanner = corridor(), SCANNERS["laser"]
     single, joint = effects(env, scanner, False), effects(env, scanner, False)

@@ -28,10 +28,10 @@ from ambinav.casting.plane.added import AddedWalls
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.obstacle import Obstacle
-from ambinav.geometry.segments import REFLECTOR, WALL, edges_of
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.obstacle_walls import walls_of
 from ambinav.studies.design.region import ALL_HEADINGS, Places
 
 Floats = NDArray[np.float64]
@@ -132,7 +132,8 @@ class Effects:
         self.obstacles: tuple[Obstacle, ...] = ()
         self.walls = AddedWalls.of([], [])
         self.poses = around.poses
-        mounts = np.hypot(*setting.scanner.rays().origin.T).max()
+        self.rays = setting.scanner.rays(environment.space is not None)
+        mounts = np.hypot(*self.rays.origin.T).max()
         self._sight = float(setting.scanner.max_range + BEYOND + mounts)
         # Each place is one of the poses at a heading.
         self._pose = np.searchsorted(np.flatnonzero(chosen), places.point)
@@ -152,7 +153,7 @@ class Effects:
 
     def tried(self, obstacles: Sequence[Obstacle]) -> Change:
         """Compute the change by additional obstacles without adding them."""
-        walls = _walls(obstacles)
+        walls = walls_of(obstacles, self.environment)
         possible = self.possible & self._have_room(obstacles)
         shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         # Poses whose links may be cut.
@@ -192,7 +193,7 @@ class Effects:
     def put(self, change: Change) -> None:
         """Add the obstacles of a change that was computed for the current building."""
         self.obstacles += change.obstacles
-        self.walls = self.walls + _walls(change.obstacles)
+        self.walls = self.walls + walls_of(change.obstacles, self.environment)
         self.possible = change.possible
         self.data[:, change.among] = change.data
         self.radii = self.radii.copy()
@@ -267,7 +268,7 @@ class Effects:
 
     def _see_walls(self, walls: AddedWalls) -> Mask:
         """Return which poses see new walls in front of what they see now, shape (N,)."""
-        setting, rays = self.setting, self.setting.scanner.rays()
+        setting, rays = self.setting, self.rays
         near = np.zeros(len(self.x), dtype=np.bool_)
         for x, y, radius in walls.circle:
             near |= np.hypot(self.x - x, self.y - y) <= self._sight + radius
@@ -275,13 +276,14 @@ class Effects:
         beam = np.repeat(np.arange(setting.scanner.beams), np.diff(rays.start))
         bias = setting.table.bias.min(axis=1)
         seen = np.zeros(len(rows), dtype=np.bool_)
+        up = np.column_stack([rays.height + self.environment.floor, rays.elevation])
         for h, theta in enumerate(setting.headings):
             c, s = np.cos(theta), np.sin(theta)
             origin = rays.origin @ np.array([[c, s], [-s, c]])
             far = self.data[h, rows, 0, : setting.table.beams] - bias
             seen |= walls.seen_by(
-                self.x[rows], self.y[rows], np.column_stack([rays.angle + theta, origin]), beam,
-                far.astype(np.float64),
+                self.x[rows], self.y[rows], np.column_stack([rays.angle + theta, origin, up]),
+                beam, far.astype(np.float64),
             )  # fmt: skip
         near[rows] = seen
         return near
@@ -299,17 +301,21 @@ class Effects:
     def _have_room(self, obstacles: Sequence[Obstacle]) -> Mask:
         """Return where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
-        mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
+        scanner, in_space = self.setting.scanner, self.environment.space is not None
+        mounts = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
         body = max(self.setting.model.robot_radius, TOUCHING)
-        reach = max(body, float(np.hypot(*mounts.T).max())) + TOUCHING
-        for shape in (obstacle.outline for obstacle in obstacles):
+        reach = max(body, float(np.hypot(*mounts[:, :2].T).max())) + TOUCHING
+        for obstacle in obstacles:
+            shape, top = obstacle.outline, obstacle.top
             rows = _within(self.x, self.y, shape, reach)
             centre = np.column_stack([self.x[rows], self.y[rows]])
             clear = shapely.distance(shapely.points(centre), shape) >= body
             for h, theta in enumerate(self.setting.headings):
                 room[rows, h] &= clear
                 c, s = np.cos(theta), np.sin(theta)
-                for mx, my in mounts.tolist():
+                for mx, my, height in mounts.tolist():
+                    if in_space and not obstacle.bottom <= height <= (top or np.inf):
+                        continue
                     sensor = centre + np.array([c * mx - s * my, s * mx + c * my])
                     arm = shapely.linestrings(np.stack([centre, sensor], axis=1))
                     room[rows, h] &= shapely.distance(arm, shape) > TOUCHING
@@ -342,17 +348,3 @@ def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
     rows = np.flatnonzero(near)
     close: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
     return close
-
-
-def _walls(obstacles: Sequence[Obstacle]) -> AddedWalls:
-    """Return the edges of obstacles as walls for ray casting."""
-    edges = []
-    for obstacle in obstacles:
-        if obstacle.outline.geom_type == "LineString":
-            corners = shapely.get_coordinates(obstacle.outline)
-            edges.append(np.hstack([corners[:-1], corners[1:]]))
-        else:
-            edges.append(edges_of(obstacle.outline))
-    return AddedWalls.of(
-        edges, [REFLECTOR if obstacle.reflective else WALL for obstacle in obstacles]
-    )
