@@ -8,6 +8,9 @@ A FeatureCollection; coordinates are metres in the map's frame. The property `ki
     wall        LineString    thickness
     reflector   either        the same; it reflects: a post of a radius, or a strip
 
+Any of them may have `bottom` and `top`, metres above the floor, which count in a building in space:
+left out they are 0 and the height of the building.
+
 Other properties say nothing here. `ambinav design place` writes such files, and the page of
 `ambinav serve` writes and reads them.
 """
@@ -42,20 +45,26 @@ class DrawnObstacle:
         points: x and y, metres: the middle of a round one, or a line's corners.
         radius: Radius of a round one, metres; else 0.
         thickness: Thickness of a line, metres; 0: it has none.
+        bottom: See `Obstacle`, metres, like the next.
+        top: See `Obstacle`; None: the height of the building.
     """
 
     kind: str
     points: tuple[tuple[float, float], ...]
     radius: float = 0.0
     thickness: float = 0.0
+    bottom: float = 0.0
+    top: float | None = None
 
     @property
     def obstacle(self) -> Obstacle:
         """Obstacle of a building that the drawing represents."""
         reflective = self.kind == "reflector"
         if len(self.points) == 1:
-            return Obstacle.post(*self.points[0], self.radius, reflective=reflective)
-        return Obstacle.wall(self.points, self.thickness, reflective=reflective)
+            made = Obstacle.post(*self.points[0], self.radius, reflective=reflective)
+        else:
+            made = Obstacle.wall(self.points, self.thickness, reflective=reflective)
+        return made.between(self.bottom, self.top)
 
     @property
     def feature(self) -> dict[str, Any]:
@@ -67,6 +76,8 @@ class DrawnObstacle:
         else:
             geometry = {"type": "LineString", "coordinates": [list(point) for point in self.points]}
             properties["thickness"] = self.thickness
+        if self.bottom or self.top is not None:
+            properties |= {"bottom": self.bottom, "top": self.top}
         return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
@@ -100,18 +111,24 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
     kind, shape = properties.get("kind"), geometry.get("type")
     if kind not in KINDS:
         raise InputError(f"{label}: kind is {reprlib.repr(kind)}; give {', '.join(KINDS)}.")
+    bottom = _length(label, "bottom", properties.get("bottom") or 0.0, 0.0)
+    top = properties.get("top")
+    if top is not None and not _length(label, "top", top, 0.0) > bottom:
+        raise InputError(
+            f"{label}: top is {top:g} and bottom {bottom:g}; give a top above it, in metres."
+        )
     round_, straight = kind in ("post", "reflector"), kind != "post"
     coordinates = geometry.get("coordinates")
     if round_ and shape == "Point":
         radius = _length(label, "radius", properties.get("radius"), THINNEST)
-        return DrawnObstacle(kind, (_point(label, coordinates),), radius=radius)
+        return DrawnObstacle(kind, (_point(label, coordinates),), radius, bottom=bottom, top=top)
     if straight and shape == "LineString" and isinstance(coordinates, list):
         points = tuple(_point(label, point) for point in coordinates)
         thickness = _length(label, "thickness", properties.get("thickness") or 0.0, 0.0)
         length = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
         if not length >= SHORTEST:
             raise InputError(f"{label} is {length:.3g} m long; draw at least {SHORTEST:g} m.")
-        return DrawnObstacle(kind, points, thickness=thickness)
+        return DrawnObstacle(kind, points, thickness=thickness, bottom=bottom, top=top)
     drawn = " or a ".join(["Point"] * round_ + ["LineString"] * straight)
     raise InputError(f"{label} ({kind}) is a {reprlib.repr(shape)}; draw it as a {drawn}.")
 

@@ -16,6 +16,7 @@ from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
 from ambinav.cli.running import above_zero, check_report, not_negative, progress_bars, reporting
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def requirement(
     obstacles: PositionOptions,
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     robot: ReachOptions,
     forecasts: ForecastOptions,
     pictures: options.Pictures = "png",
@@ -104,6 +106,7 @@ def requirement(
         from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
 
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         not_negative(budget, "--budget", "500", "an amount")
         if required is None and budget is None:
@@ -130,7 +133,9 @@ def requirement(
             obstacles.rules_of(kind)
         zones = keep_out_zones(keep_out)
         check_report(STUDY, output, pictures)
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = making.load(
+            map_file, scanner, building, space, robot.robot_radius or 0.0
+        )
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         forecaster = None
         if trips is not None:

@@ -19,6 +19,7 @@ from ambinav.cli.region_options import (
     route_region,
 )
 from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ class PositionOptions:
     Attributes:
         width (M): Width of a panel or a tag, metres.
         min_passage (M): Passages at least this wide are not made narrower than this, metres.
+        bottom (M): Height of their lower edge above the floor, metres, in a building in space.
+        top (M): Height of their upper edge likewise. [default: the height of the building]
         candidates (N): Maximum number of candidate positions of a kind.
     """
 
@@ -45,6 +48,8 @@ class PositionOptions:
     ] = 0.1
     width: float = 0.6
     min_passage: float = 0.9
+    bottom: float = 0.0
+    top: float | None = None
     where: Annotated[
         bool | None,
         typer.Option(
@@ -82,6 +87,8 @@ class PositionOptions:
             on_walls=self.where is not False,
             free_standing=self.where is not True,
             reflective=scanner is not None and len(scanner.intensity_beams) > 0,
+            bottom=self.bottom,
+            top=self.top,
             most=self.candidates,
         )
 
@@ -189,6 +196,7 @@ def place(
     bad: WhereBadOptions,
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     robot: ReachOptions,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
@@ -210,12 +218,15 @@ def place(
         from ambinav.studies.design.place.study import place_obstacles
 
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         _, count = obstacles.kind()
         obstacles.rules()
         check_report(STUDY, output, pictures)
         regions = bad.regions()
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = making.load(
+            map_file, scanner, building, space, robot.robot_radius or 0.0
+        )
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))

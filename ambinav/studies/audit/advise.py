@@ -63,10 +63,9 @@ def advise(
         lambda share: report(0.7 * share),
     )  # fmt: skip
     helps = result.helps
-    in_plane = result.environment.space is None
     most = max((change.removed for change in tried), default=0.0)
     wanted = posts if posts is not None else could_pay(result.amap, result.scanner, most)
-    if in_plane and wanted:
+    if wanted:
         helps = find_posts(
             result.environment, result.scanner, result.amap, result.reach, posts or 3, trips, rng,
             lambda share: report(0.7 + 0.3 * share),

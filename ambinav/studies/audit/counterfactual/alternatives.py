@@ -148,7 +148,13 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
 
 def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
-    """Return another scanner where a scanner is mounted; as it is unless both are single fans."""
+    """Return another scanner where a scanner is mounted; as it is unless both are single fans.
+
+    One on the floor, whose file gives no height, is raised to the height of the first.
+    """
+    height = float(scanner.upright[:, 0].min())
+    if height > 0.0 >= other.upright[:, 0].min():
+        other = other.raised(height)
     if len(scanner.parts) > 1 or len(other.parts) > 1:
         return other
     place, part = scanner.parts[0].layout, other.parts[0]

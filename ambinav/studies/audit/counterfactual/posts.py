@@ -98,7 +98,7 @@ def find_posts(
         min_passage=max(4.0 * reach.radius + ABREAST, PlaceRules().min_passage),
         most=CANDIDATES,
         reflective=len(scanner.intensity_beams) > 0,
-    )
+    ).suited(environment)
     zone = amap.floor("zone").values
     bad = amap.judged.counted & np.isin(zone, BAD)
     row, column = np.nonzero(bad)

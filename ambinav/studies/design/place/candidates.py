@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -11,7 +11,10 @@ import numpy as np
 import shapely
 
 from ambinav.buildings.obstacle_file import DrawnObstacle
+from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import as_number
+from ambinav.geometry.edit_in_space import top_of
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
 
@@ -31,6 +34,8 @@ class PlaceRules:
         on_walls: True if they may touch walls.
         free_standing: True if they may be free-standing; tags are not.
         reflective: True if they are reflectors.
+        bottom: Height of the lower edge above the floor of a building in space, metres.
+        top: Height of the upper edge likewise; None: that of the building.
         most: Maximum number of candidates; it determines the distance between them.
 
     Raises:
@@ -44,6 +49,8 @@ class PlaceRules:
     on_walls: bool = True
     free_standing: bool = True
     reflective: bool = False
+    bottom: float = 0.0
+    top: float | None = None
     most: int = 400
 
     def __post_init__(self) -> None:
@@ -53,6 +60,14 @@ class PlaceRules:
             if not value > 0.0:
                 option = name.replace("_", "-")
                 raise InputError(f"--{option}: {value:g} is not above zero; give metres.")
+        if not as_number(self.bottom, "bottom") >= 0.0:
+            raise InputError(
+                f"--bottom: {self.bottom:g} is below the floor; give 0 or more metres."
+            )
+        if self.top is not None and not self.bottom < as_number(self.top, "top"):
+            raise InputError(
+                f"--top: {self.top:g} is not above the bottom of {self.bottom:g}; give more metres."
+            )
         if self.kind == "post" and 2.0 * self.radius >= self.min_passage:
             raise InputError(
                 f"--radius: posts {2 * self.radius:g} m wide are not narrower than the passage of "
@@ -62,6 +77,36 @@ class PlaceRules:
             raise InputError(f"--candidates: {self.most} is too few; give 1 or more.")
         if not (self.on_walls or (self.free_standing and self.kind != "tag")):
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+
+    def suited(self, environment: Environment) -> PlaceRules:
+        """Return the rules in a building: in a mesh, which has no reflectors, nothing reflects.
+
+        Raises:
+            InputError: there are heights and it is a plan, the obstacles begin above it, or tags
+                are to be placed in a mesh.
+        """
+        name, space = environment.name, environment.space
+        if space is None:
+            if self.bottom > 0.0 or self.top is not None:
+                raise InputError(
+                    f"{'--bottom' if self.top is None else '--top'}: {name} is a plan, without "
+                    "heights; leave this out, or give it a height: --extrude M."
+                )
+            return self
+        height = top_of(space) - environment.floor
+        if self.bottom >= height:
+            raise InputError(
+                f"--bottom: {self.bottom:g} is not below the top of {name}, {height:g} m above its "
+                "floor; give less."
+            )
+        if not isinstance(space, Mesh):
+            return self
+        if self.kind == "tag":
+            raise InputError(
+                f"--tags: {name} is a mesh, in which nothing is known as a reflector; give the "
+                "building as a plan or an .ifc file, or --posts or --panels."
+            )
+        return replace(self, reflective=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,6 +60,10 @@ class RulesPart(Part):
     kind: str
     radius_m: float | None = Field(description="of a post")
     width_m: float | None = Field(description="of a panel or a tag")
+    bottom_m: float | None = Field(description="above the floor; null: the building is a plan")
+    top_m: float | None = Field(
+        description="above the floor; null: the building is a plan, or up to its height"
+    )
     min_passage_m: float
     on_walls: bool
     free_standing: bool
@@ -156,7 +160,7 @@ def document(study: Remedy, asked: int) -> Document:
         asked=asked,
         obstacles=obstacles,
         improved=tuple(map(ImprovedPart.of, _improved(study))),
-        rules=rules_part(rules, len(study.trials.candidates)),
+        rules=rules_part(rules, len(study.trials.candidates), study.environment.space is not None),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
@@ -181,12 +185,14 @@ def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
     return most_improved(study.amap, study.after, study.parts, within)
 
 
-def rules_part(rules: PlaceRules, candidates: int) -> RulesPart:
+def rules_part(rules: PlaceRules, candidates: int, in_space: bool = False) -> RulesPart:
     """Return the rules for obstacles of a kind, with the number of places that were tried."""
     return RulesPart.of(
         rules,
         radius_m=rules.radius if rules.kind == "post" else None,
         width_m=None if rules.kind == "post" else rules.width,
+        bottom_m=rules.bottom if in_space else None,
+        top_m=rules.top,
         free_standing=rules.free_standing and rules.kind != "tag",
         candidates=candidates,
     )

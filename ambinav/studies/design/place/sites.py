@@ -171,15 +171,21 @@ class Sites:
         return np.asarray(grid[inside], dtype=np.float64)
 
     def _post(self, x: float, y: float, on_wall: bool) -> Candidate:
-        kind = "reflector" if self.rules.reflective else "post"
-        drawn = DrawnObstacle(kind, (_round((x, y)),), radius=self.rules.radius)
+        rules = self.rules
+        kind = "reflector" if rules.reflective else "post"
+        drawn = DrawnObstacle(
+            kind, (_round((x, y)),), rules.radius, bottom=rules.bottom, top=rules.top
+        )
         return Candidate("post", drawn, on_wall)
 
     def _strip(self, ends: Points, thickness: float, on_wall: bool) -> Candidate:
-        kind = "reflector" if self.rules.reflective else "panel"
+        rules = self.rules
+        kind = "reflector" if rules.reflective else "panel"
         first, last = (_round(end) for end in ends.tolist())
-        drawn = DrawnObstacle(kind, (first, last), thickness=thickness)
-        return Candidate(self.rules.kind, drawn, on_wall)
+        drawn = DrawnObstacle(
+            kind, (first, last), thickness=thickness, bottom=rules.bottom, top=rules.top
+        )
+        return Candidate(rules.kind, drawn, on_wall)
 
 
 def _round(point: Sequence[float]) -> tuple[float, float]:

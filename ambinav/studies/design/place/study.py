@@ -11,7 +11,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.casting.scans import plane_only
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -90,7 +89,7 @@ class Remedy:
     @cached_property
     def after(self) -> AmbiguityMap:
         """Map of the building with the obstacles."""
-        return self.amap.update(self.edited())
+        return self.amap.update(self.edited(), before=self.environment)
 
     def edited(self, count: int | None = None) -> Environment:
         """Return the building with the first `count` obstacles; None: with all."""
@@ -133,9 +132,9 @@ def place_obstacles(
     Raises:
         InputError: a tag for a scanner without an intensity channel, a passage narrower than the
             robot, no bad floor in the regions, fewer places than obstacles, aged buildings
-            without `rng`, a building in space, or see `Positions`.
+            without `rng`, or see `PlaceRules.suited` and `Positions`.
     """
-    plane_only(environment, "where an obstacle would help")
+    rules = rules.suited(environment)
     regions = tuple(regions) or (Region.of_map(),)
     if count < 1:
         raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.casting.scans import plane_only
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
@@ -95,7 +94,7 @@ def meet_requirement(
     """Find the cheapest changes that meet a requirement, or the best within a budget.
 
     Args:
-        environment: The building, in the plane.
+        environment: The building.
         scanner: The present scanner.
         build: Makes the map of a building and a scanner, always with the same settings.
         allowed: Allowed changes.
@@ -111,11 +110,9 @@ def meet_requirement(
 
     Raises:
         InputError: neither requirement nor budget is given, a requirement on lost robots without
-            trips or trips without one, a change has no cost, a building in space, a passage
-            narrower than the robot, no floor counts, or the polygons leave no place for any
-            obstacle.
+            trips or trips without one, a change has no cost, a passage narrower than the robot, no
+            floor counts, the polygons leave no place for any obstacle, or see `PlaceRules.suited`.
     """
-    plane_only(environment, "what would meet a requirement")
     if requirement is None and budget is None:
         raise InputError('requirement: none is given; write one such as "bad < 2 %", or --budget.')
     if (trips is None) is not (requirement is None or requirement.most_lost is None):
@@ -127,12 +124,12 @@ def meet_requirement(
         raise InputError(f"--budget: {budget:g} is not zero or above; give an amount, e.g. 500.")
     allowed.check(costs, source)
     for kind in allowed.most:
-        check_passage(rules(kind, scanner), reach)
+        check_passage(rules(kind, scanner).suited(environment), reach)
     options, remarks = hardware_options(scanner, allowed, costs, source)
     terms = Terms(
         allowed.most,
         {kind: price for kind, price in costs.prices().items() if kind in allowed.most},
-        lambda kind, hardware: rules(kind, hardware.scanner),
+        lambda kind, hardware: rules(kind, hardware.scanner).suited(environment),
         reach,
         keep_out,
         () if trips is None else trips.stops,
