@@ -144,9 +144,6 @@ def audit(
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
-        if environment.space is not None and reported.posts:
-            note("positions of posts are found in floor plans only; the report leaves them out.")
-            reported = replace(reported, posts=0)
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 

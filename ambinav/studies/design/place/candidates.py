@@ -78,6 +78,14 @@ class PlaceRules:
         if not (self.on_walls or (self.free_standing and self.kind != "tag")):
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
+    @property
+    def size_text(self) -> str:
+        """The size of an obstacle for readers."""
+        size = f"radius {self.radius:g} m" if self.kind == "post" else f"width {self.width:g} m"
+        if self.top is not None:
+            return f"{size}, {self.bottom:g} to {self.top:g} m above the floor"
+        return size if self.bottom == 0.0 else f"{size}, from {self.bottom:g} m above the floor up"
+
     def suited(self, environment: Environment) -> PlaceRules:
         """Return the rules in a building: in a mesh, which has no reflectors, nothing reflects.
 

@@ -234,17 +234,16 @@ def _summary(study: Remedy) -> str:
     placement, rules = study.placement, study.rules
     before, after = placement.before.bad, placement.after.bad
     where = " and ".join(region.title for region in study.regions)
-    size = f"radius {rules.radius:g} m" if rules.kind == "post" else f"width {rules.width:g} m"
     if not placement.placed:
         return (
-            f"No {rules.kind} ({size}) helps {study.scanner.name} in {study.environment.name}: bad "
-            f"floor of {where} stays {amount(before, study.unit)}."
+            f"No {rules.kind} ({rules.size_text}) helps {study.scanner.name} in "
+            f"{study.environment.name}: bad floor of {where} stays {amount(before, study.unit)}."
         )
     share = f" ({(before - after) / before:.0%} less)" if before >= NOTHING else ""
     return (
-        f"{counted(len(placement.placed), rules.kind)} ({size}) for {study.scanner.name} in "
-        f"{study.environment.name}: bad floor of {where} goes from {amount(before, study.unit)} to "
-        f"{amount(after, study.unit)}{share}."
+        f"{counted(len(placement.placed), rules.kind)} ({rules.size_text}) for "
+        f"{study.scanner.name} in {study.environment.name}: bad floor of {where} goes from "
+        f"{amount(before, study.unit)} to {amount(after, study.unit)}{share}."
     )
 
 
