@@ -40,9 +40,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from ambinav.geometry.environment import Environment
-from ambinav.localization.casting import cast_tables
 from ambinav.localization.expected_covariance import place_and_scanner
-from ambinav.localization.information import beam_noise, informations
+from ambinav.localization.information import beam_noise, informations, ray_caster
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import value_at
 from ambinav.runtime.errors import InputError
@@ -195,7 +194,7 @@ class _Turning:
         beams, weight = _thinned(scanner, amap.possible.shape[2])
         weight = weight * _used(scanner, parameters["beams_used"])[beams]
         self.share = 1.0 / (2.0 * parameters["tau"])
-        self.cast = cast_tables(environment, scanner, beams)
+        self.cast = ray_caster(environment, scanner, beams)
         noise = beam_noise(environment, scanner, float(parameters["map_std"]))
         self.noise = noise._replace(
             near=noise.near[beams],

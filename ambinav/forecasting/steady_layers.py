@@ -135,7 +135,6 @@ EXPECTED_ERROR = Layer(
     compute=expected_error,
     slow=True,
     in_space=True,
-    prisms_alone=True,
 )
 
 LOST_RATE = replace(

@@ -24,7 +24,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.space_information import BEAMS_AT_ONCE, space_information
 from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
@@ -38,7 +37,9 @@ from ambinav.localization.information import (
     beam_lines,
     beam_noise,
     informations,
+    ray_caster,
 )
+from ambinav.localization.mesh_rays import MeshRays
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -46,6 +47,8 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
+# Beams whose gradients are held at a time.
+BEAMS_AT_ONCE = 1_000_000
 # Poses computed at a time.
 POSES_AT_ONCE = 100_000
 
@@ -115,14 +118,12 @@ def fisher(
     if tau < 1.0:
         raise InputError(f"tau is {tau}; give at least 1.")
     scanner = context.full_scanner
-    if context.environment.space is not None:
-        if not incidence:
-            raise InputError(
-                f"{context.environment.name}: fisher without incidence is known for plans alone; "
-                "leave the option out."
-            )
-        return _in_space(context, place, turn, tau)
-    cast = cast_tables(context.environment, scanner, np.arange(scanner.beams))
+    if context.environment.space is not None and not incidence:
+        raise InputError(
+            f"{context.environment.name}: fisher without incidence is known for plans alone; "
+            "leave the option out."
+        )
+    cast = ray_caster(context.environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(context.environment, scanner, context.map_std)
     radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
@@ -135,24 +136,12 @@ def fisher(
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 
-def _in_space(
-    context: LayerContext, place: float, turn: float, tau: float
-) -> dict[str, NDArray[np.float32]]:
-    """Compute `fisher` in a building in space, with the derivatives of the ambiguity model."""
-    radii = np.empty((3, len(context.points[0]), len(context.headings)))
-    for h in range(len(context.headings)):
-        information = space_information(
-            context.environment, context.full_scanner, context.poses(h), context.map_std
-        )
-        radii[:, :, h] = marginal_radii(information / tau, place, turn)
-    major, minor, direction = (context.spread(values) for values in radii)
-    return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
-
-
-def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: bool) -> Floats:
+def _information(
+    poses: Floats, cast: CastTables | MeshRays, noise: BeamNoise, incidence: bool
+) -> Floats:
     """Compute the Fisher information of a scan at each pose, shape (N, 3, 3)."""
     out = np.empty((len(poses), 3, 3))
-    if incidence:
+    if incidence or isinstance(cast, MeshRays):
         # Summed beam by beam, so that memory does not grow with the number of beams.
         informations(poses, cast, noise, out)
         return out

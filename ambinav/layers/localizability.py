@@ -288,4 +288,5 @@ LAYER = Layer(
     high_is_good=("localizability_determinant",),
     in_space=True,
     prisms_alone=True,
+    lasers_alone=True,
 )

@@ -47,6 +47,7 @@ from ambinav.localization.casting import (
     cast_tables,
     echo_normal,
     expected_ranges,
+    vertical_part,
     work_space,
 )
 from ambinav.localization.information import beam_noise, gradient, sensor_line
@@ -93,8 +94,7 @@ def perturbation(
         perturbation and perturbation_minor (metres) and perturbation_direction (radians).
 
     Raises:
-        InputError: a number is out of its range; or the building is in space, and it is a mesh or
-            beams are cones (`cast_tables`).
+        InputError: a number is out of its range; or the building is a mesh (`cast_tables`).
     """
     size = context.radius / 2 if displacement is None else as_number(displacement, "displacement")
     if not size > 0.0:
@@ -169,6 +169,7 @@ def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
     """
     expected_ranges(x, y, theta, cast, work, ranges, ray, edge)
     co, si = math.cos(theta), math.sin(theta)
+    in_space = cast.tilt.size > 0
     for b in range(ranges.size):
         if math.isnan(ranges[b]):
             return False
@@ -178,13 +179,15 @@ def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
             continue
         line[b, 0] = ranges[b]
         bx, by = cast.cosine[j], cast.sine[j]
-        nx, ny = echo_normal(
-            cast.inner[j], co * bx - si * by, si * bx + co * by, cast.normal[k, 0],
-            cast.normal[k, 1],
-        )  # fmt: skip
+        ux, uy = co * bx - si * by, si * bx + co * by
+        nx, ny = echo_normal(cast.inner[j], ux, uy, cast.normal[k, 0], cast.normal[k, 1])
+        vertical = 0.0
+        if in_space:
+            vertical = vertical_part(cast.inner[j], ux, uy, cast.up[j], cast.tilt[k])
         line[b, 1], line[b, 2], line[b, 3] = gradient(
-            ranges[b], 0.0, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny
-        )
+            ranges[b], 0.0, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny,
+            vertical,
+        )  # fmt: skip
     return True
 
 

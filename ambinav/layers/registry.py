@@ -52,7 +52,8 @@ class Layer(LayerRecord):
             whether all that it casts goes through `LayerContext.returns`, `scans.scan_rays` or
             `cast_tables`.
         not_in_space: Message if it does not support buildings in space.
-        prisms_alone: Whether it is known in space of prisms and lasers alone (`cast_tables`).
+        prisms_alone: Whether it is known in space of prisms alone (`cast_tables`),
+        lasers_alone: and of lasers alone.
         reach: From the context and the options, how far from a cell a change of the building may
             be and still change the layer there, metres, whatever stands between; what lies
             further off must not matter, nor cells beyond the map's radius. None: no limit is
@@ -67,6 +68,7 @@ class Layer(LayerRecord):
     in_space: bool = False
     not_in_space: str = "the layer is known for plans and level beams alone; leave it out."
     prisms_alone: bool = False
+    lasers_alone: bool = False
     reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
@@ -183,13 +185,12 @@ def _reason(layer: Layer, scanner: RangeScanner, environment: Environment | None
     if not layer.in_space and (in_space or not scanner.level):
         which = "the building is in space" if in_space else "it looks up and down"
         return f"{which}, and {layer.not_in_space}"
-    if environment is not None and in_space and layer.prisms_alone:
+    if environment is not None and in_space:
         cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
-        if cones or not isinstance(environment.space, Prisms):
-            return (
-                f"the building is {'in space' if cones else 'a mesh'}, and the layer is known "
-                "there of prisms and lasers alone; leave it out."
-            )
+        if layer.lasers_alone and cones:
+            return "the building is in space, and the layer is known of lasers alone; leave it out."
+        if layer.prisms_alone and not isinstance(environment.space, Prisms):
+            return "the building is a mesh, and the layer is known of prisms alone; leave it out."
     with LAYERS.calling(layer.name):
         return layer.why_not(scanner)
 

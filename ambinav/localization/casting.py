@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from ambinav.casting.plane.fan import STACK, cast_fan, counter_clockwise
 from ambinav.casting.plane.triangulation import locate
+from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.prisms.rays import PrismRays, cast_prism_rays, silence_oblique
 from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
-from ambinav.localization.prism_tables import check_cones, prism_rays, prisms_of
+from ambinav.localization.prism_tables import prism_rays, prisms_of
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
@@ -47,17 +48,21 @@ class CastTables(NamedTuple):
         start: x and y of each ray, shape (R, 2), metres, robot frame.
         reach: The largest of each group's limits, shape (G,), metres.
         plain: Whether ray b is the only one of beam b, for all b, and returns an echo at any
-            angle, shape (1,): a laser, which can do without much of what sonars need.
+            angle, shape (1,): a laser, which can do without much of what sonars need. Of a mesh
+            it is False: there normals are of any direction.
         anchor: Which rays are cast whatever their beam reads, shape (R,): so many that what
             `counter_clockwise` says of neighbours holds for those that are cast.
         inner: Which rays have others of their cone on either side, shape (R,); of a cone's edges
             and of lasers none. Where the nearest echo is of such a ray, see `echo_normal`.
         border: `Environment.border_lines`; in space end points of the walls.
         normal: x and y of the unit normals of the border edges, into the free space, and how far
-            along them the edges lie, shape (K, 3). Surfaces of prisms are upright or level: of the
-            level ones all is 0, for they tell of the height alone.
+            along them the edges lie, shape (K, 3); of a mesh without that. Surfaces of prisms are
+            upright or level: of the level ones all is 0, for they tell of the height alone.
+        up: z of the rays' unit vectors, shape (R,).
+        tilt: z of the unit normals, shape (K,); empty in the plane, and 0 of prisms, where the
+            normal of what is level is left out.
         twin: See `Triangulation`, as are node, hops and corner.
-        space: The rays in space; None in the plane.
+        space: The rays in space; None in the plane, and of a mesh, in which no kernel casts.
         grid_x: See `Triangulation.index`, as is all that follows.
     """
 
@@ -75,6 +80,8 @@ class CastTables(NamedTuple):
     inner: NDArray[np.bool_]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
+    up: NDArray[np.float64]
+    tilt: NDArray[np.float64]
     twin: NDArray[np.int32]
     node: NDArray[np.float64]
     hops: NDArray[np.int32]
@@ -96,8 +103,19 @@ def cast_tables(
     """Build tables of the environment and these beams, which are renumbered from 0.
 
     Raises:
-        InputError: the building is a mesh, or it is in space and a beam is a cone, or it does not
-            go together with the beams (`casting.scans.check_rays`).
+        InputError: the building is a mesh, or it does not go together with the beams
+            (`casting.scans.check_rays`).
+    """
+    prisms_of(environment)
+    return tables_of(environment, scanner, beams)[0]
+
+
+def tables_of(
+    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
+) -> tuple[CastTables, NDArray[np.intp]]:
+    """Build tables as `cast_tables` does, and return the scanner's ray of each of their rays.
+
+    In those of a mesh no kernel can cast: see `mesh_rays`.
     """
     check_rays(environment, *scanner.upright[beams].T)
     rays = scanner.rays(environment.space is not None)
@@ -105,27 +123,29 @@ def cast_tables(
     number = np.full(scanner.beams, -1, dtype=np.int64)
     number[beams] = np.arange(len(beams))
     chosen = np.flatnonzero(number[owner] >= 0)
-    prisms = prisms_of(environment)
-    if prisms is not None:
-        check_cones(environment, scanner, rays.edge[chosen])
-    if prisms is None:
+    space, normal, tilt = None, environment.surface_normals, np.empty(0)
+    if environment.space is None:
         origin, first, order = _fans(rays, chosen)
-        lines, space = environment.border_lines, None
+        lines = environment.border_lines
         normal = edge_normals(lines)
         incidence = rays.max_incidence[order].astype(np.float64)
         groups = [anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]
         anchor = np.concatenate([np.empty(0, dtype=np.bool_), *groups])
     else:
         origin, first, order = np.zeros((1, 2)), np.array([0, len(chosen)]), chosen
-        lines, space = prisms.walls.xy, prism_rays(prisms, environment.floor, rays, chosen)
-        normal = np.zeros((len(prisms.surface_kind), 3))
-        normal[: len(lines)] = edge_normals(lines)
+        lines, tilt = np.empty((0, 4)), np.ascontiguousarray(normal[:, 2])
+        normal = np.column_stack([normal[:, :2], np.zeros(len(normal))])
         incidence, anchor = np.full(len(chosen), np.inf), np.ones(len(chosen), dtype=np.bool_)
+        if isinstance(environment.space, Prisms):
+            prisms = environment.space
+            lines, space = prisms.walls.xy, prism_rays(prisms, environment.floor, rays, chosen)
+            normal[: len(lines)] = edge_normals(lines)
+            tilt = np.zeros(len(normal))
     mesh = environment.triangulation
     limit, beam = rays.max_range[order].astype(np.float64), number[owner[order]]
     plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
     level_part = np.cos(rays.elevation[order])
-    return CastTables(
+    tables = CastTables(
         np.ascontiguousarray(origin),
         first,
         np.cos(rays.angle[order]) * level_part,
@@ -135,11 +155,13 @@ def cast_tables(
         incidence,
         np.ascontiguousarray(rays.origin[order]),
         np.maximum.reduceat(limit, first[:-1]),
-        np.array([plain]),
+        np.array([plain and (space is not None or environment.space is None)]),
         anchor,
         ~rays.edge[order],
         lines,
         normal,
+        np.sin(rays.elevation[order]),
+        tilt,
         mesh.twin,
         mesh.node,
         mesh.hops,
@@ -147,6 +169,7 @@ def cast_tables(
         space,
         *mesh.index,
     )
+    return tables, order
 
 
 def _fans(
@@ -201,6 +224,20 @@ def echo_normal(inner, ux, uy, nx, ny):
         ny: Likewise.
     """
     return (-ux, -uy) if inner else (nx, ny)
+
+
+@kernel(inline="always")
+def vertical_part(inner, ux, uy, up, tilt):
+    """Return n_z u_z of a ray in space and the normal that `echo_normal` gives.
+
+    Args:
+        inner: As `echo_normal`.
+        ux: Direction of the ray, map frame.
+        uy: Likewise.
+        up: z of it.
+        tilt: z of the unit normal of the surface that it meets.
+    """
+    return ux * ux + uy * uy - 1.0 if inner else up * tilt
 
 
 @kernel

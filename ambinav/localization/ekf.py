@@ -14,16 +14,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count, as_number
 from ambinav.geometry.environment import Environment
-from ambinav.localization.casting import CastTables, cast_tables
-from ambinav.localization.ekf_update import posterior, scratch_for, update_pose
+from ambinav.localization.ekf_update import (
+    posterior,
+    refine,
+    scratch_for,
+    tabulate,
+    update_pose,
+)
 from ambinav.localization.information import (
     BeamNoise,
     as_map_std,
     as_poses,
     beam_noise,
     informations,
+    ray_caster,
 )
 from ambinav.localization.intensity import beside_ranges
+from ambinav.localization.mesh_rays import MeshRays
 from ambinav.localization.odometry import (
     OdometryModel,
     apply_motion,
@@ -77,7 +84,7 @@ class ExtendedKalmanFilter:
         self.gate = as_number(gate, "gate")
         if self.gate <= 0.0:
             raise InputError(f"gate is {gate}; give standard deviations above 0.")
-        self.cast: CastTables = cast_tables(environment, scanner, np.arange(scanner.beams))
+        self.cast = ray_caster(environment, scanner, np.arange(scanner.beams))
         deviation = as_map_std(environment, map_std)
         self.noise: BeamNoise = beam_noise(environment, scanner, deviation)
         self.tags = tag_model(environment, scanner, deviation)
@@ -134,12 +141,28 @@ class ExtendedKalmanFilter:
         used = np.empty(self.runs, dtype=np.int64)
         tags = None if intensities is None else self.tags
         beside = beside_ranges(tags, intensities, readings)
-        update_runs(
-            self._mean, self._covariance, before, now, np.ascontiguousarray(readings),
-            self.odometry.array, self.gate, self.cast, self.noise, used, tags, beside,
-        )  # fmt: skip
+        readings = np.ascontiguousarray(readings)
+        if isinstance(self.cast, MeshRays):
+            _move_runs(self._mean, self._covariance, before, now, self.odometry.array)
+            self._update_in_mesh(self.cast, readings, used)
+        else:
+            update_runs(
+                self._mean, self._covariance, before, now, readings, self.odometry.array,
+                self.gate, self.cast, self.noise, used, tags, beside,
+            )  # fmt: skip
         self._odometry = now.copy()
         return used
+
+    def _update_in_mesh(self, cast: MeshRays, readings: Floats, used: NDArray[np.int64]) -> None:
+        """Use scans in a mesh, whose rays are cast between the steps of the iterated update."""
+        about, spread = self._mean.copy(), self._covariance.copy()
+        for _ in range(ROUNDS):
+            distance, face = cast.cast(about)
+            _refine_runs(
+                self._mean, self._covariance, readings, self.gate, cast.tables, self.noise,
+                distance, face, about, spread, used,
+            )  # fmt: skip
+        self._mean, self._covariance = about, spread
 
     @property
     def mean(self) -> Floats:
@@ -221,6 +244,20 @@ def update_runs(
         intensities: Shape (R, B), or (R, 0).
     """
     scratch = scratch_for(noise.far.size, cast.cosine.size)
+    _move_runs(mean, cov, before, now, alpha)
+    for r in range(mean.shape[0]):
+        seen = 0
+        if tags is not None:
+            # Reflectors first: the ranges are then linearized about a better pose.
+            seen = take_in_tags(mean[r], cov[r], readings[r], intensities[r], gate, tags)
+        used[r] = seen + update_pose(
+            mean[r], cov[r], readings[r], gate, ROUNDS, True, cast, noise, scratch
+        )
+
+
+@kernel
+def _move_runs(mean, cov, before, now, alpha):
+    """Move the estimates of R runs along with odometry; arguments as of `update_runs`."""
     for r in range(mean.shape[0]):
         rot1, trans, rot2 = motion_between(
             before[r, 0], before[r, 1], before[r, 2], now[r, 0], now[r, 1], now[r, 2]
@@ -229,13 +266,23 @@ def update_runs(
         mean[r, 0], mean[r, 1], mean[r, 2] = apply_motion(
             mean[r, 0], mean[r, 1], mean[r, 2], rot1, trans, rot2
         )
-        seen = 0
-        if tags is not None:
-            # Reflectors first: the ranges are then linearized about a better pose.
-            seen = take_in_tags(mean[r], cov[r], readings[r], intensities[r], gate, tags)
-        used[r] = seen + update_pose(
-            mean[r], cov[r], readings[r], gate, ROUNDS, True, cast, noise, scratch
-        )
+
+
+@kernel
+def _refine_runs(mean, cov, readings, gate, tables, noise, distance, hit, about, spread, used):
+    """Make one step of the update of R runs from what all rays meet at the poses `about`, (R, 3).
+
+    Distances and hits have the shape (R, rays); for the others see `ekf_update.refine`.
+    """
+    scratch = scratch_for(noise.far.size, tables.cosine.size)
+    _, _, lengths, edges, _ = scratch.cast
+    for j in range(lengths.size):
+        scratch.picked[j] = j
+    for r in range(mean.shape[0]):
+        copy_into(lengths, distance[r])
+        copy_into(edges, hit[r])
+        count = tabulate(about[r], lengths.size, readings[r], tables, noise, scratch)
+        used[r] = refine(mean[r], cov[r], about[r], spread[r], gate, True, count, scratch)
 
 
 @kernel

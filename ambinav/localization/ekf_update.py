@@ -14,6 +14,7 @@ from ambinav.localization.casting import (
     echo_normal,
     nearest_echoes,
     spread_observed,
+    vertical_part,
     work_space,
 )
 from ambinav.localization.information import gradient, sensor_line
@@ -25,12 +26,13 @@ Floats = NDArray[np.float64]
 
 # Rows of `Scratch.beam`: what is read, what is expected, its derivatives by x, y and theta, its
 # variance and one over that; normal of the wall, and where that is along it; direction and place
-# of the ray in the robot's frame, its range, and how the sensor's bias grows with that.
+# of the ray in the robot's frame, its range, and how the sensor's bias grows with that; see
+# `casting.vertical_part`.
 (
     _READ, _LINE, _BY_X, _BY_Y, _BY_T, _VARIANCE, _WEIGHT, _NORMAL_X, _NORMAL_Y, _WALL,
-    _COSINE, _SINE, _START_X, _START_Y, _RANGE, _RISE,
-) = range(16)  # fmt: skip
-_ROWS = 16
+    _COSINE, _SINE, _START_X, _START_Y, _RANGE, _RISE, _VERTICAL,
+) = range(17)  # fmt: skip
+_ROWS = 17
 
 
 class Scratch(NamedTuple):
@@ -45,6 +47,7 @@ class Scratch(NamedTuple):
             (rows, B).
         noise: For who simulates the readings, shape (B,).
         information: Information of a scan, shape (3, 3).
+        about: Pose about which ranges are linear, shape (3,).
         spread: Covariance after it, shape (3, 3).
         cast: See `casting.work_space`.
     """
@@ -56,6 +59,7 @@ class Scratch(NamedTuple):
     beam: Floats
     noise: Floats
     information: Floats
+    about: Floats
     spread: Floats
     cast: tuple[Any, ...]
 
@@ -66,8 +70,8 @@ def scratch_for(beams, rays):
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
         np.empty(rays, dtype=np.int32),
-        np.empty((_ROWS, beams)), np.empty(beams), np.empty((3, 3)), np.empty((3, 3)),
-        work_space(rays),
+        np.zeros((_ROWS, beams)), np.empty(beams), np.empty((3, 3)), np.empty(3),
+        np.empty((3, 3)), work_space(rays),
     )  # fmt: skip
 
 
@@ -148,33 +152,21 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Returns:
         How many beams were used.
     """
-    beam, information, spread = scratch.beam, scratch.information, scratch.spread
-    x, y, t = mean[0], mean[1], mean[2]
-    ax, ay, at = x, y, t
-    # Of the pose about which the ranges are linear.
-    xx, yy, tt = cov[0, 0], cov[1, 1], cov[2, 2]
-    xy, xt, yt = 2.0 * cov[0, 1], 2.0 * cov[0, 2], 2.0 * cov[1, 2]
+    spread, about = scratch.spread, scratch.about
+    about[0], about[1], about[2] = mean[0], mean[1], mean[2]
+    for i in range(3):
+        for j in range(3):
+            spread[i, j] = cov[i, j]
     count = used = 0
     for step in range(rounds):
-        if step == 0 or recast:
-            count = _intersect_beams(ax, ay, at, reading, cast, noise, scratch)
-        used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
-            ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
-            step == 0 or recast, beam, count,
-        )  # fmt: skip
-        information[0, 0], information[1, 1], information[2, 2] = txx, tyy, ttt
-        information[0, 1], information[0, 2], information[1, 2] = txy, txt, tyt
-        information[1, 0], information[2, 0], information[2, 1] = txy, txt, tyt
-        for i in range(3):
-            for j in range(3):
-                spread[i, j] = cov[i, j]
-        posterior(spread, information)
-        ax = x + spread[0, 0] * px + spread[0, 1] * py + spread[0, 2] * pt
-        ay = y + spread[1, 0] * px + spread[1, 1] * py + spread[1, 2] * pt
-        at = wrapped(t + spread[2, 0] * px + spread[2, 1] * py + spread[2, 2] * pt)
-        xx, yy, tt = spread[0, 0], spread[1, 1], spread[2, 2]
-        xy, xt, yt = 2.0 * spread[0, 1], 2.0 * spread[0, 2], 2.0 * spread[1, 2]
-    mean[0], mean[1], mean[2] = ax, ay, at
+        fresh = step == 0 or recast
+        if fresh:
+            rays = cast_observed(
+                about[0], about[1], about[2], reading, cast, scratch.cast, scratch.picked
+            )
+            count = tabulate(about, rays, reading, cast, noise, scratch)
+        used = refine(mean, cov, about, spread, gate, fresh, count, scratch)
+    mean[0], mean[1], mean[2] = about[0], about[1], about[2]
     for i in range(3):
         for j in range(3):
             cov[i, j] = spread[i, j]
@@ -182,16 +174,60 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 
 @kernel(forceinline=True)
-def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
-    """Cast the beams that read something; return how many `Scratch.beam` then holds.
+def refine(mean, cov, about, spread, gate, met, count, scratch):
+    """Make one step of the iterated update.
+
+    Args:
+        mean: The prior pose.
+        cov: Its covariance.
+        about: Pose about which the ranges are linear; written: the better one.
+        spread: Its covariance; written likewise.
+        gate: As `update_pose`.
+        met: As `_sums`.
+        count: What `tabulate` returned.
+        scratch: See `Scratch`.
+
+    Returns:
+        How many beams were used.
+    """
+    information = scratch.information
+    used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
+        about[0], about[1], about[2], about[0] - mean[0], about[1] - mean[1],
+        wrapped(about[2] - mean[2]), spread[0, 0], spread[1, 1], spread[2, 2],
+        2.0 * spread[0, 1], 2.0 * spread[0, 2], 2.0 * spread[1, 2], gate, met, scratch.beam, count,
+    )  # fmt: skip
+    information[0, 0], information[1, 1], information[2, 2] = txx, tyy, ttt
+    information[0, 1], information[0, 2], information[1, 2] = txy, txt, tyt
+    information[1, 0], information[2, 0], information[2, 1] = txy, txt, tyt
+    for i in range(3):
+        for j in range(3):
+            spread[i, j] = cov[i, j]
+    posterior(spread, information)
+    about[0] = mean[0] + spread[0, 0] * px + spread[0, 1] * py + spread[0, 2] * pt
+    about[1] = mean[1] + spread[1, 0] * px + spread[1, 1] * py + spread[1, 2] * pt
+    about[2] = wrapped(mean[2] + spread[2, 0] * px + spread[2, 1] * py + spread[2, 2] * pt)
+    return used
+
+
+@kernel(forceinline=True)
+def tabulate(pose, rays, reading, cast, noise, scratch):
+    """Write the beams that read something and met something; return how many there are.
 
     A beam without a reading tells nothing, and with few exceptions is not cast.
+
+    Args:
+        pose: Where they were cast.
+        rays: How many rays `scratch.cast` holds, see `casting.cast_observed`.
+        reading: As `update_pose`, as all that follows.
+        cast: See there.
+        noise: See there.
+        scratch: See there.
     """
+    x, y, theta = pose[0], pose[1], pose[2]
     ranges, ray, edge, picked, beam = (
         scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,
     )  # fmt: skip
     _, _, distance, hit, _ = scratch.cast
-    rays = cast_observed(x, y, theta, reading, cast, scratch.cast, picked)
     co, si = math.cos(theta), math.sin(theta)
     count = 0
     # What is looked up first, then what is worked out: of a loop without tables the compiler takes
@@ -207,12 +243,19 @@ def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
             _look_up(count, b, b, k, d if met else 0.0, reading, cast, noise, beam)
             count += met & (not noise.frontier[k])
     else:
+        in_space = cast.tilt.size > 0
         spread_observed(rays, scratch.cast, picked)
         nearest_echoes(cast, scratch.cast, ranges, ray, edge)
         for n in range(ranges.size):
             b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))
             met = (ray[n] >= 0) & (ranges[n] > noise.near[n]) & math.isfinite(reading[n])
             _look_up(count, b, j, k, ranges[n] if met else 0.0, reading, cast, noise, beam)
+            if in_space:
+                ux = co * cast.cosine[j] - si * cast.sine[j]
+                uy = si * cast.cosine[j] + co * cast.sine[j]
+                beam[_VERTICAL, count] = vertical_part(
+                    cast.inner[j], ux, uy, cast.up[j], cast.tilt[k]
+                )
             if cast.inner[j]:
                 _across(count, x, y, co, si, beam)
             count += met & (not noise.frontier[k])
@@ -221,6 +264,7 @@ def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
         beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gradient(
             beam[_RANGE, m], beam[_RISE, m], co, si, beam[_COSINE, m], beam[_SINE, m],
             beam[_START_X, m], beam[_START_Y, m], beam[_NORMAL_X, m], beam[_NORMAL_Y, m],
+            beam[_VERTICAL, m],
         )  # fmt: skip
         beam[_WEIGHT, m] = 1.0 / beam[_VARIANCE, m]
     return count
@@ -289,7 +333,7 @@ def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, coun
             ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
             uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
             nx, ny = beam[_NORMAL_X, m], beam[_NORMAL_Y, m]
-            facing = nx * ux + ny * uy
+            facing = nx * ux + ny * uy + beam[_VERTICAL, m]
             further = (beam[_WALL, m] - nx * sx - ny * sy) / facing - beam[_RANGE, m]
             # A ray along the wall stays as it was.
             off -= further if abs(facing) > PARALLEL else 0.0

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
@@ -24,8 +25,11 @@ from ambinav.localization.casting import (
     cast_tables,
     echo_normal,
     expected_ranges,
+    nearest_echoes,
+    vertical_part,
     work_space,
 )
+from ambinav.localization.mesh_rays import MeshRays, mesh_rays
 from ambinav.localization.prism_tables import edge_kinds
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
@@ -36,6 +40,8 @@ Floats = NDArray[np.float64]
 
 # Entries of the tables of bias and deviation over the range.
 TABLE = 512
+# Rays cast in a mesh at a time; their hits are kept in memory until they are read.
+RAYS_AT_ONCE = 4_000_000
 # A range is taken to change no faster than at this cosine of the incidence angle (87 degrees):
 # so near to grazing, a linear model is wrong.
 GRAZING = 0.05
@@ -114,7 +120,7 @@ def scan_information(
         InputError: the poses have no such shape or are not finite, or map_std is negative.
     """
     rows = as_poses(poses, "poses")
-    cast = cast_tables(environment, scanner, np.arange(scanner.beams))
+    cast = ray_caster(environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
     out = np.empty((len(rows), 3, 3))
     informations(rows, cast, noise, out)
@@ -162,6 +168,7 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
 def linear_readings(theta, cast, noise, ranges, ray, edge, line):
     """Compute `beam_lines` from ranges, rays and edges that are known already."""
     co, si = math.cos(theta), math.sin(theta)
+    in_space = cast.tilt.size > 0
     for b in range(ranges.size):
         d, j, k = ranges[b], ray[b], edge[b]
         line[b, 4] = math.inf
@@ -170,13 +177,15 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
         shift, rise, line[b, 4] = sensor_line(d, b, noise)
         line[b, 0] = d + shift
         bx, by = cast.cosine[j], cast.sine[j]
-        nx, ny = echo_normal(
-            cast.inner[j], co * bx - si * by, si * bx + co * by, cast.normal[k, 0],
-            cast.normal[k, 1],
-        )  # fmt: skip
+        ux, uy = co * bx - si * by, si * bx + co * by
+        nx, ny = echo_normal(cast.inner[j], ux, uy, cast.normal[k, 0], cast.normal[k, 1])
+        vertical = 0.0
+        if in_space:
+            vertical = vertical_part(cast.inner[j], ux, uy, cast.up[j], cast.tilt[k])
         line[b, 1], line[b, 2], line[b, 3] = gradient(
-            d, rise, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny
-        )
+            d, rise, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny,
+            vertical,
+        )  # fmt: skip
 
 
 @kernel(forceinline=True)
@@ -197,7 +206,7 @@ def sensor_line(d, b, noise):
 
 
 @kernel(forceinline=True)
-def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
+def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny, vertical):
     """Return derivatives of a beam's reading by the robot's x, y and theta.
 
     Args:
@@ -211,10 +220,11 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
         start_y: Likewise.
         nx: x of the unit normal in the map frame, see `casting.echo_normal`.
         ny: Likewise.
+        vertical: See `casting.vertical_part`.
     """
     ux = co * cosine - si * sine
     uy = si * cosine + co * sine
-    facing = nx * ux + ny * uy
+    facing = nx * ux + ny * uy + vertical
     facing = math.copysign(max(abs(facing), GRAZING), facing)
     # How the sensor and the end of its beam swing when the robot turns.
     sx = -si * start_x - co * start_y - d * uy
@@ -239,14 +249,53 @@ def _informations(low, high, poses, cast, noise, out):
         beam_lines(
             poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, line
         )
-        out[p] = 0.0
-        for b in range(noise.far.size):
-            if line[b, 4] < math.inf:
-                for i in range(3):
-                    for j in range(3):
-                        out[p, i, j] += line[b, 1 + i] * line[b, 1 + j] / line[b, 4]
+        _sum_lines(line, out[p])
 
 
-def informations(poses: Floats, cast: CastTables, noise: BeamNoise, out: Floats) -> None:
+@kernel
+def _informations_of_hits(low, high, theta, tables, noise, distance, hit, out):
+    work, ranges, ray, edge, line = line_space(noise.far.size, tables.cosine.size)
+    ux, uy, _, _, stack = work
+    for p in range(low, high):
+        nearest_echoes(tables, (ux, uy, distance[p], hit[p], stack), ranges, ray, edge)
+        linear_readings(theta[p], tables, noise, ranges, ray, edge, line)
+        _sum_lines(line, out[p])
+
+
+@kernel(forceinline=True)
+def _sum_lines(line, out):
+    """Write the information of the beams whose lines are given, shape (3, 3)."""
+    out[:] = 0.0
+    for b in range(line.shape[0]):
+        if line[b, 4] < math.inf:
+            for i in range(3):
+                for j in range(3):
+                    out[i, j] += line[b, 1 + i] * line[b, 1 + j] / line[b, 4]
+
+
+def informations(poses: Floats, cast: CastTables | MeshRays, noise: BeamNoise, out: Floats) -> None:
     """Write the information of a scan at each pose (N, 3) to `out` (N, 3, 3)."""
-    run_rows(_informations, len(poses), poses, cast, noise, out, least=16)
+    if not isinstance(cast, MeshRays):
+        run_rows(_informations, len(poses), poses, cast, noise, out, least=16)
+        return
+    step = max(RAYS_AT_ONCE // len(cast.incidence), 1)
+    for low in range(0, len(poses), step):
+        part = slice(low, low + step)
+        distance, face = cast.cast(poses[part])
+        run_rows(
+            _informations_of_hits, len(distance), poses[part, 2].copy(), cast.tables, noise,
+            distance, face, out[part], least=16,
+        )  # fmt: skip
+
+
+def ray_caster(
+    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
+) -> CastTables | MeshRays:
+    """Return what casts the rays of some beams, which are renumbered from 0, in any building.
+
+    Raises:
+        InputError: the building and the beams do not go together (`casting.scans.check_rays`).
+    """
+    if isinstance(environment.space, Mesh):
+        return mesh_rays(environment, environment.space, scanner, beams)
+    return cast_tables(environment, scanner, beams)

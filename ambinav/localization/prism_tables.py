@@ -11,7 +11,6 @@ from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
-from ambinav.sensing.scanner import RangeScanner
 
 
 def edge_kinds(environment: Environment) -> NDArray[np.uint8]:
@@ -37,26 +36,6 @@ def prisms_of(environment: Environment) -> Prisms | None:
         "rays; give prisms, or let Monte Carlo localization look ranges up (laser_model_type "
         "beam_prob with beam_table_resolution 0.2 and without localizability_weighting)."
     )
-
-
-def check_cones(environment: Environment, scanner: RangeScanner, edge: NDArray[np.bool_]) -> None:
-    """Check that no sensor has a cone in a building in space.
-
-    Args:
-        environment: The building.
-        scanner: What has the rays.
-        edge: Whether each ray is at the edge of its cone, as of a laser each is; shape (R,).
-
-    Raises:
-        InputError: one is not. What its echo tells is known of level rays alone (`echo_normal`).
-    """
-    if not edge.all():
-        raise InputError(
-            f"{environment.name}: it is a building in space, and of scanner {scanner.name!r} beams "
-            "are cones, which are not cast pose by pose there; let Monte Carlo localization look "
-            "them up (laser_model_type beam_prob with beam_table_resolution 0.1, its default for "
-            "cones), or give the building's plan, in Python environment.plan."
-        )
 
 
 def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: NDArray[np.intp]) -> PrismRays:

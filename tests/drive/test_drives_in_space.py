@@ -99,11 +99,17 @@ def test_in_a_mesh_ranges_are_looked_up() -> None:
     assert np.nanquantile(off(level), 0.9) < 0.25
 
 
+def test_a_kalman_filter_tracks_in_a_mesh_as_in_prisms() -> None:
+    one, other = (driven(env, LIDAR, "ekf", runs=3, route=ACROSS) for env in furnished())
+    for drives in (one, other):
+        assert (drives.outcome == REACHED).all()
+        assert np.nanquantile(off(drives), 0.9) < 0.02
+
+
 def test_what_no_building_in_space_takes_is_refused() -> None:
     prisms, mesh = furnished()
-    for localizer in ("mcl", "ekf"):
-        with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
-            driven(mesh, LIDAR, localizer, runs=1, route=ACROSS)
+    with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
+        driven(mesh, LIDAR, "mcl", runs=1, route=ACROSS)
     with pytest.raises(InputError, match=r"give the mount a height"):
         driven(prisms, laser(), "mcl", runs=1, route=ACROSS)
 
@@ -149,8 +155,8 @@ def test_rays_pass_over_people_and_end_on_their_heads(mesh: bool) -> None:
 
 
 @pytest.mark.slow
-def test_sonars_look_their_cones_up() -> None:
-    """What they read in space is nearer than in the plane, and their table knows it."""
+def test_sonars_drive_in_space() -> None:
+    """What they read there is nearer than in the plane, and localizers know it."""
     env = tall()
     sonar = RangeSensor(
         max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(20.0),
@@ -160,5 +166,8 @@ def test_sonars_look_their_cones_up() -> None:
     drives = driven(env, ring, "mcl", runs=2)
     assert (drives.outcome == REACHED).all()
     assert np.nanquantile(off(drives), 0.9) < 0.25
-    with pytest.raises(InputError, match=r"are cones.*beam_table_resolution 0.1"):
-        driven(env, ring, "ekf", runs=1)
+    direct = MclParameters.for_scanner(ring, beam_table_resolution=0.0)
+    for localizer in ("ekf", direct):
+        drives = driven(env, ring, localizer, runs=2)
+        assert (drives.outcome == REACHED).all()
+        assert np.nanquantile(off(drives), 0.9) < 0.2

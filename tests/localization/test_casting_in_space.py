@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
@@ -165,10 +166,81 @@ def test_kinds_are_those_of_what_rays_meet() -> None:
     assert (np.linalg.eigvalsh(down)[0] > 0.0).all() and (np.linalg.eigvalsh(up)[0] > 0.0).all()
 
 
+RING = RangeScanner.ring(
+    RangeSensor(
+        max_range=5.0, std=0.03, resolution=0.001, aperture=math.radians(25.0),
+        max_incidence=math.radians(40.0),
+    ),
+    8, 0.15,
+).raised(0.6)  # fmt: skip
+
+
+@pytest.mark.parametrize("scanner", [LIDAR, TILTED, RING], ids=["layers", "tilted", "cones"])
+def test_a_mesh_tells_what_prisms_tell(scanner: RangeScanner) -> None:
+    prisms, mesh = furnished()
+    poses = room_poses(60, 7, most=2.5)
+    poses = poses[~np.isnan(scanner.scan(prisms, *poses.T)).any(axis=1)]
+    one, other = (scan_information(env, scanner, poses) for env in (prisms, mesh))
+    # Where a ray meets an edge, which surface it is on is not said.
+    same = np.isclose(one, other, rtol=1e-3, atol=1e-3 * np.abs(one).max()).all(axis=(1, 2))
+    assert same.mean() > 0.9
+    start = poses + np.random.default_rng(1).normal(0.0, (0.05, 0.05, 0.02), poses.shape)
+    readings = scanner.scan(prisms, *poses.T)
+    after = []
+    for env in (prisms, mesh):
+        tracker = ExtendedKalmanFilter(env, scanner, runs=len(poses))
+        tracker.start(start, np.diag([0.05**2, 0.05**2, 0.02**2]))
+        used = tracker.update(poses, readings)
+        after.append((tracker.mean, tracker.covariance, used))
+    close = np.abs(after[0][0] - after[1][0]).max(axis=1) < 2e-3
+    assert close.mean() > 0.9
+    better = np.hypot(*(after[1][0] - poses)[:, :2].T) < np.hypot(*(start - poses)[:, :2].T)
+    assert better.mean() > 0.8
+
+
+def test_a_slope_in_a_mesh_tells_how_ranges_change() -> None:
+    """A wall that leans by 40 degrees, met by rays that look up and down, and by cones."""
+    lean = math.tan(math.radians(40.0))
+    corners = [(4.0, -9, -3), (4.0, 9, -3), (4 + 6 * lean, 9, 3), (4 + 6 * lean, -9, 3)]
+    mesh = Mesh(corners, [(0, 1, 2), (0, 2, 3)])
+    env = worlds.box(8.0, 8.0).in_space(mesh)
+    for scanner in (LIDAR, TILTED, RING):
+        pose, step = np.array([3.0, 4.0, 0.3]), 1e-3
+        moved = pose + step * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+        ranges = scanner.scan(env, *moved.T).astype(float)
+        met = np.isfinite(ranges).all(axis=0)
+        assert met.sum() >= 2
+        ranges = np.where(met, ranges, 0.0)
+        change = (ranges[1:4] - ranges[4:]) / (2.0 * step)
+        (found,) = scan_information(env, scanner, pose, 0.0)
+        variance = 0.03**2 + 0.001**2 / 12.0
+        expected = change @ change.T / variance
+        assert np.allclose(found, expected, atol=0.03 * np.abs(expected).max())
+
+
+def test_cones_are_tracked_in_prisms_as_in_the_plan() -> None:
+    plan = worlds.room()
+    tall = plan.in_space(extruded(plan, 20.0), floor=0.0)
+    high = RING.raised(9.0)
+    poses = worlds.free_poses(plan, 80, seed=3, clearance=0.3)
+    readings = high.scan(plan, *poses.T)
+    start = poses + np.random.default_rng(1).normal(0.0, (0.05, 0.05, 0.02), poses.shape)
+    means = []
+    for env in (plan, tall):
+        tracker = ExtendedKalmanFilter(env, high, runs=len(poses))
+        tracker.start(start, np.diag([0.05**2, 0.05**2, 0.02**2]))
+        tracker.update(poses, readings)
+        means.append(tracker.mean)
+    # In space there are rays between those of the plan's fan.
+    off = np.hypot(*(means[0] - means[1])[:, :2].T)
+    assert np.median(off) < 0.01
+    assert np.quantile(off, 0.9) < 0.04
+
+
 def test_what_cannot_be_cast_is_refused() -> None:
     prisms, mesh = furnished()
     with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
-        ExtendedKalmanFilter(mesh, LIDAR)
+        tables_of(mesh, LIDAR)
     with pytest.raises(InputError, match="it is a plan, and the scanner looks up"):
         ExtendedKalmanFilter(prisms.plan, LIDAR)
     with pytest.raises(InputError, match="give the mount a height"):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.space_information import space_information
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.localization.information import scan_information
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import WIDEST_SPACING
 from ambinav.sensing.scanner import RangeScanner
@@ -108,7 +108,7 @@ def test_what_a_tilted_cone_tells_is_how_its_range_changes() -> None:
         moved = pose + step * np.vstack([np.eye(3), -np.eye(3)])
         ranges = sonar.scan(env, *moved.T)[:, 0].astype(float)
         change = (ranges[:3] - ranges[3:]) / (2.0 * step)
-        (found,) = space_information(env, sonar, pose, 0.0)
+        (found,) = scan_information(env, sonar, pose, 0.0)
         variance = 0.02**2 + 0.01**2 / 12.0
         # Which ray is nearest jumps by the spacing of the rays.
         assert found * variance == pytest.approx(np.outer(change, change), abs=0.08)
@@ -169,10 +169,10 @@ def test_information_is_across_the_nearest_surface() -> None:
     """Of a wall straight ahead the distance alone, of the floor nothing."""
     variance = 0.02**2 + 0.01**2 / 12.0
     pose = np.array([[5.0, 4.0, 0.0]])
-    (wall,) = space_information(room(), single(1.5), pose, 0.0)
+    (wall,) = scan_information(room(), single(1.5), pose, 0.0)
     assert wall[0, 0] == pytest.approx(1.0 / variance, rel=1e-4)
     assert np.abs(wall[1:, 1:]).max() < 1e-6 * wall[0, 0]
-    (floor,) = space_information(room(), single(0.3), np.array([[2.0, 4.0, 0.0]]), 0.0)
+    (floor,) = scan_information(room(), single(0.3), np.array([[2.0, 4.0, 0.0]]), 0.0)
     assert np.abs(floor).max() < 1e-6
 
 

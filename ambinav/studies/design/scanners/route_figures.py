@@ -16,13 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.ambiguity.space_information import space_information
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.localization.ekf import ExtendedKalmanFilter, covariances_along
-from ambinav.localization.information import as_map_std
+from ambinav.localization.ekf import covariances_along
+from ambinav.localization.information import scan_information
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.evaluate import evaluate_route
@@ -157,13 +156,8 @@ def expected_errors(
     moved = np.diff(along, prepend=-1.0) > 0.0
     thinned = scanner.thinned(max(model.beams, len(scanner.parts)))
     start = np.diag(np.square(model.start_std))
-    if environment.space is None:
-        ekf = ExtendedKalmanFilter(environment, thinned, noise.modelled, map_std=map_std)
-        covariances = ekf.predicted_covariances(dense[moved], start)
-    else:
-        deviation = as_map_std(environment, map_std)
-        scans = space_information(environment, thinned, dense[moved], deviation)
-        covariances = covariances_along(dense[moved], start, scans, noise.modelled)
+    scans = scan_information(environment, thinned, dense[moved], map_std)
+    covariances = covariances_along(dense[moved], start, scans, noise.modelled)
     return np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), along[moved]
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.space_information import space_information
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.cli.design_scanners import ComparedSpaceOptions, _without_third_dimension
@@ -87,7 +86,7 @@ def test_information_is_that_of_the_plane(corridor: Environment) -> None:
     rng = np.random.default_rng(4)
     poses = rng.uniform((0.5, 0.4, -3.0), (19.5, 1.6, 3.0), (40, 3))
     known = scan_information(corridor.plan, PLANAR, poses, 0.02)
-    found = space_information(corridor, PLANAR.raised(0.3), poses, 0.02)
+    found = scan_information(corridor, PLANAR.raised(0.3), poses, 0.02)
     assert np.abs(found - known).max() < 2e-3 * np.abs(known).max()
 
 
@@ -95,7 +94,7 @@ def test_a_higher_beam_tells_where_along_the_corridor(corridor: Environment) -> 
     """One ray ahead and up by 45 degrees onto a beam's side: sigma by cosine, and no more."""
     one = RangeScanner.layered(SENSOR, 1, [math.pi / 4], z=0.5, name="one")
     # 1.8 m from the beam at 9.4 m it meets the side of that at z = 2.3.
-    (found,) = space_information(corridor, one, np.array([[7.6, 1.0, 0.0]]), 0.0)
+    (found,) = scan_information(corridor, one, np.array([[7.6, 1.0, 0.0]]), 0.0)
     variance = 0.02**2 + 0.001**2 / 12
     assert found[0, 0] == pytest.approx(2.0 / variance, rel=1e-4)
     assert found[1, 1] == pytest.approx(0.0, abs=1e-6 * found[0, 0])
