@@ -22,6 +22,7 @@ from ambinav.sensing.mounting import (
     fan_angles,
     plain_mount,
     plain_tilt,
+    refilled,
     set_pose,
     thinned_fan,
 )
@@ -133,6 +134,13 @@ class Layers(AtPoint, InSpace):
         """Return the times of the beams; all beams of a column are taken at once."""
         columns = np.arange(1 - self.columns, 1) / self.columns
         return columns if self.staggered else np.tile(columns, len(self.elevation))
+
+    def with_aperture(self, aperture: float) -> Layers:
+        """Return layers of another aperture, radians; see `Planar.with_aperture`."""
+        columns = refilled(self.columns, self.aperture, aperture)
+        if self.staggered:
+            columns = max(round(columns / len(self.elevation)), 1) * len(self.elevation)
+        return replace(self, columns=columns, aperture=aperture)
 
     def thinned(self, most: int) -> Layers:
         """Return at most `most` beams in a subset of layers, the lowest and highest included.

@@ -18,6 +18,7 @@ from ambinav.sensing.mounting import (
     fan_angles,
     plain_mount,
     plain_tilt,
+    refilled,
     thinned_fan,
 )
 from ambinav.sensing.space_layout import AtPoint, Floats, InSpace, kept_rows
@@ -66,6 +67,11 @@ class Tilting(AtPoint, InSpace):
         fans = [directed(angle, flat, self.mount, self.z, pitch, 0.0) for pitch in self.pitch]
         across, up = zip(*fans, strict=True)
         return np.concatenate(across), np.concatenate(up)
+
+    def with_aperture(self, aperture: float) -> Tilting:
+        """Return fans of another aperture, radians; see `Planar.with_aperture`."""
+        beams = refilled(self.beams, self.aperture, aperture)
+        return replace(self, beams=beams, aperture=aperture)
 
     def thinned(self, most: int) -> Tilting:
         """Return at most `most` beams in a subset of fans, the lowest and highest included.

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.casting.scans import check_rays, plane_only
+from ambinav.casting.scans import GIVE_HEIGHTS, check_rays
 from ambinav.config import as_count
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.collision.reach import find_reach
@@ -34,6 +34,7 @@ from ambinav.studies.design.sweep.place_levels import PlaceLevels, place_levels
 from ambinav.studies.design.sweep.turning import Turning, turning
 from ambinav.studies.design.sweep.twins import first_twins
 from ambinav.studies.design.sweep.vary import (
+    VARIABLES,
     Setting,
     Variation,
     part_number,
@@ -256,16 +257,14 @@ def sweep_scanner(
 
     Raises:
         InputError: the scanner does not have what is varied, the region is empty, there are too
-            many settings, an argument is out of its range, or the building or a beam of the scanner
-            is not in the plane.
+            many settings, an argument is out of its range, or the building and the scanner do not
+            go together (`casting.scans.check_rays`).
 
     Warns:
         InputWarning: see `find_reach`.
     """
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
-    plane_only(env, "a sweep")
-    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     if criterion not in CRITERIA:
         raise InputError(f"criterion is {criterion!r}; choose from {', '.join(CRITERIA)}.")
     if not (math.isfinite(spacing) and 0.0 < spacing <= radius < math.inf):
@@ -280,6 +279,13 @@ def sweep_scanner(
         Variation.parse(variation) if isinstance(variation, str) else variation
         for variation in vary
     )
+    for variation in variations:
+        if env.space is None and VARIABLES[variation.name].in_space:
+            raise InputError(
+                f"vary {variation.name}: {env.name} is a plan, which has no heights; "
+                f"{GIVE_HEIGHTS}."
+            )
+    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     grid = settings(scanner, variations, part)
     names = [variation.name for variation in variations]
     yaw = names.index("yaw") if "yaw" in names else None
