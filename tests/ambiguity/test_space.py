@@ -28,7 +28,6 @@ from ambinav.map_building.stored import map_key
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
-from ambinav.studies.design.sweep.sweep import sweep_scanner
 from tests.geometry import scenes
 from tests.geometry.furnished import furnished
 
@@ -309,7 +308,6 @@ def test_what_is_known_of_plans_alone() -> None:
     amap = build_map(env, LASER, spacing=0.5, store=False)
     asked = {
         "an updated map": lambda: amap.update(plan),
-        "a sweep": lambda: sweep_scanner(env, LASER, ["beams=20:60:20"]),
         "an edited building": lambda: env.edited(remove=shapely.box(0, 0, 1, 1)),
         "a window of a building": lambda: env.window((0, 0, 1, 1)),
         "a turned building": lambda: env.transformed(0.1),

@@ -28,8 +28,7 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
         tau = independent_tau(beams)
         _, keys = view_beams(View(beams, 0.0, tau), sensors)
         # The mounts of unused beams count too, since they must not be inside a wall.
-        sensors_at = np.column_stack([mounted.mounts[:, :2], mounted.upright[:, 0]])
-        origins = np.unique(np.round(sensors_at, 9) + 0.0, axis=0)
+        origins = np.unique(np.round(mounted.mounts[:, :2], 9) + 0.0, axis=0)
         key = keys[np.lexsort(keys.T)].tobytes(), round(tau, 9), origins.tobytes()
         firsts.append(first.setdefault((scanner.looks_all_around, *key), number))
     return tuple(firsts)

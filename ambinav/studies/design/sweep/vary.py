@@ -106,7 +106,9 @@ VARIABLES: Final = {
         ),
         Variable(
             "beams", "", "beams", _beams,
-            "its sensors are listed individually; `ambinav design beams` selects among them", 1.0,
+            "its sensors are listed individually (`ambinav design beams` selects among them), or "
+            "it is a 3D scanner",
+            1.0,
         ),
         Variable(
             "height", "m", "height", _height,
