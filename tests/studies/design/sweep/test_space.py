@@ -119,7 +119,7 @@ def test_a_higher_scanner_passes_over_low_furniture() -> None:
     bench = shapely.box(2.0, 0.0, 2.4, 3.0)
     plan = environment_from_shapes([shapely.box(0, 0, 4, 3)], name="bench")
     walls = [(0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 3), (0, 3, 0, 0)]
-    solids = [Solid(bench, 0.0, 0.4), Solid(shapely.box(0.5, 0.0, 1.0, 3.0), 0.0, 0.08)]
+    solids = [Solid(bench, 0.0, 0.4), Solid(shapely.box(0.5, 0.0, 1.0, 3.0), -0.1, 0.08)]
     env = plan.in_space(Prisms(walls, [(0.0, 2.5)] * 4, solids=solids, floor=0.0, ceiling=2.5))
     ahead = an.RangeScanner.planar(LASER, 19, math.pi / 2, (0.3, 0.0, HAIR), z=0.6)
     found = sweep_scanner(
