@@ -40,8 +40,9 @@ def check_against_maps(env: an.Environment, found: SweepResult) -> None:
     levels = found.levels
     for row, outcome in zip(found.rows, (*found.outcomes, found.present), strict=True):
         scanner = outcome.setting.scanner
-        kept = levels.level.shape[2] == 1 and not scanner.looks_all_around
-        headings = 1 if kept else None
+        headings = None
+        if levels.level.shape[2] == 1 and not scanner.looks_all_around:
+            headings = len(levels.headings)
         data = an.build_map(env, scanner, found.spacing, headings=headings, store=False).dataset
         y, x = (
             np.rint((at - float(axis[0])) / found.spacing).astype(int)
@@ -49,6 +50,8 @@ def check_against_maps(env: an.Environment, found: SweepResult) -> None:
         )
         for layer, values in (("level", levels.level[row]), ("zone", levels.zone[row])):
             expected = data[layer].transpose("y", "x", ...).values[y, x].reshape(len(x), -1)
+            if found.region.kind == "route" and headings:
+                expected = np.take_along_axis(expected, levels.places.heading[:, None], axis=1)
             expected = np.broadcast_to(expected, values.shape)
             np.testing.assert_allclose(values, expected, atol=1e-6, err_msg=str(outcome.setting))
 
@@ -100,6 +103,18 @@ def test_settings_in_a_furnished_room(
     env = furnished()[("prisms", "mesh").index(kind)]
     found = sweep_scanner(env, scanner, vary, part=part, spacing=0.2, places=40)
     check_against_maps(env, found)
+
+
+def test_settings_along_a_route() -> None:
+    _, mesh = furnished()
+    route = Region.of_route(an.Route.through([[1.0, 1.5], [5.0, 1.3], [5.3, 2.3]]))
+    found = sweep_scanner(mesh, FAN, ["height=0.3,1.0", "pitch=0,10"], route, spacing=0.2)
+    assert found.headings == "those of the route"
+    # No mast goes along under the table.
+    standing = [one.figures.standing for one in found.outcomes]
+    assert standing[:2] == [1.0, 1.0]
+    assert standing[2] == standing[3] < 0.8
+    check_against_maps(mesh, found)
 
 
 def test_settings_in_a_building_model(tmp_path: Path) -> None:
