@@ -167,16 +167,23 @@ _SHOWN = 10
 
 
 def _show(report: Document, result: SweepResult, output: Path | None) -> None:
-    from ambinav.studies.design.sweep.text import Words, values_text, varied_text
+    from ambinav.studies.design.sweep.text import Words, share_text, values_text, varied_text
 
     levels, shares = Words(result).formats
     settings = [(values_text(result, i), report.settings[i], "") for i in result.order[:_SHOWN]]
     present = tuple(map(varied_text, report.present.values.values()))
+    fits = ("fits on",) if result.fits_unevenly else ()
     rows = (
-        (*cells, *map(levels, (part.mean, part.p95, part.worst)), shares(part.bad), remark)
+        (
+            *cells,
+            *map(levels, (part.mean, part.p95, part.worst)),
+            shares(part.bad),
+            *(share_text(part.standing or 0.0) for _ in fits),
+            remark,
+        )
         for cells, part, remark in (*settings, (present, report.present, "present"))
     )
-    columns = (*report.best.values, "mean", "p95", "worst", "bad", "")
+    columns = (*report.best.values, "mean", "p95", "worst", "bad", *fits, "")
     show(report.summary, "", table(columns, rows))
     if len(result.order) > _SHOWN:
         show(f"the best {_SHOWN} of {len(result.order)} different settings")

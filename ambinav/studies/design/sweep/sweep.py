@@ -47,6 +47,8 @@ PLACES: Final = 1000
 """Places that a sweep looks at."""
 ROUTE_HEADINGS: Final = 72
 """Headings that those of a route are rounded to: 5 degrees apart."""
+UNEVEN: Final = 0.01
+"""Share of the region by which settings differ in where they fit, from which it is reported."""
 DIGITS: Final = 6
 """Decimals to which figures are compared, as in report.json."""
 
@@ -133,6 +135,17 @@ class SweepResult:
     def present_is_best(self) -> bool:
         """True if the present scanner has the beams of the best setting."""
         return self.rows[-1] == self.rows[self.order[0]]
+
+    @property
+    def most_standing(self) -> float:
+        """Largest share of the region where the robot can stand with a setting, or as it is."""
+        return max(outcome.figures.standing for outcome in (*self.outcomes, self.present))
+
+    @property
+    def fits_unevenly(self) -> bool:
+        """True if settings, the present one included, differ in the floor where they fit."""
+        standing = [outcome.figures.standing for outcome in (*self.outcomes, self.present)]
+        return self.most_standing - min(standing) > UNEVEN
 
     @property
     def best_scanner(self) -> RangeScanner:

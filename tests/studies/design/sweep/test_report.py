@@ -182,7 +182,7 @@ def test_a_mesh(folder: Path) -> None:
         lines += ["f " + " ".join(str(k + 1 + 8 * part) for k in face) for face in faces.tolist()]
     (folder / "room.obj").write_text("\n".join(lines))
     arguments = [
-        "design", "sweep", "room.obj", "-s", "camera.yaml", *QUICK, "--places", "60", "--json",
+        "design", "sweep", "room.obj", "-s", "camera.yaml", *QUICK, "--places", "60", "-o", "out",
         "--vary", "height=0.3,0.9",
     ]  # fmt: skip
     refused = CliRunner().invoke(app, arguments)
@@ -190,11 +190,14 @@ def test_a_mesh(folder: Path) -> None:
     assert "does not say how high it is mounted; give --scanner-height" in refused.stderr
     result = CliRunner().invoke(app, [*arguments, "--scanner-height", "0.3"])
     assert result.exit_code == 0, result.output
-    low, high = Document.model_validate_json(result.stdout).settings
+    low, high = written(folder / "out").settings
     # The table is passed below, but not by a mast.
     assert low.standing == 1.0
     assert high.standing is not None
     assert high.standing < 1.0
+    share = f"{100 * high.standing:.1f} %"
+    assert re.search(rf"fits on *\n +0\.3 .* 100\.0 % *\n +0\.9 .* {share}", result.stdout)
+    assert f"| {share} |" in (folder / "out" / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from ambinav.geometry.extrude import extruded
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.region import Region
 from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
+from ambinav.studies.design.sweep.text import Words
 from tests.buildings import plan_models
 from tests.geometry import scenes
 from tests.geometry.furnished import furnished
@@ -149,6 +150,20 @@ def test_a_higher_scanner_passes_over_low_furniture() -> None:
     assert before_bench.any()
     assert high == pytest.approx(1.0 - before_wall.mean())
     assert low == pytest.approx(1.0 - (before_wall | before_bench).mean())
+
+
+def test_a_best_setting_that_fits_on_less_floor_is_reported_so() -> None:
+    env, _ = furnished()
+    found = sweep_scanner(env, LAYERS, ["height=0.5,1.3"], spacing=0.2, places=0)
+    (best,) = found.best.setting.values
+    assert best == 1.3
+    # Of 6 x 4 m without the cupboard the table of 2 m² and what touches it are left out.
+    standing = found.best.figures.standing
+    assert standing == pytest.approx(1.0 - 2.0 / found.levels.amount, abs=0.01)
+    assert (
+        f"That is of the {100 * standing:.1f} % of the region where the robot fits with it; with "
+        "others it fits on up to 100.0 %."
+    ) in Words(found).summary
 
 
 # -- what is shared and what is refused --------------------------------------------------------
