@@ -20,12 +20,12 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_turn,
+    beams_for_aperture,
     directed,
     divisor,
     fan_angles,
     plain_mount,
     plain_tilt,
-    refilled,
     set_pose,
     thinned_fan,
 )
@@ -103,7 +103,7 @@ class Planar(AtPoint):
         Raises:
             InputError: it is out of its range, or this fan has a single direction.
         """
-        beams = refilled(self.beams, self.aperture, aperture)
+        beams = beams_for_aperture(self.beams, self.aperture, aperture)
         return replace(self, beams=beams, aperture=aperture)
 
     def thinned(self, most: int) -> Planar:

@@ -107,7 +107,7 @@ def fan_angles(beams: int, aperture: float) -> Floats:
     return np.linspace(-half, half, beams)
 
 
-def refilled(beams: int, before: float, after: float) -> int:
+def beams_for_aperture(beams: int, before: float, after: float) -> int:
     """Return the number of beams of a fan of another aperture with about the same angle between.
 
     Args:

@@ -18,11 +18,11 @@ from ambinav.sensing.mounting import (
     Mount,
     as_elevation,
     as_turn,
+    beams_for_aperture,
     directed,
     fan_angles,
     plain_mount,
     plain_tilt,
-    refilled,
     set_pose,
     thinned_fan,
 )
@@ -137,7 +137,7 @@ class Layers(AtPoint, InSpace):
 
     def with_aperture(self, aperture: float) -> Layers:
         """Return layers of another aperture, radians; see `Planar.with_aperture`."""
-        columns = refilled(self.columns, self.aperture, aperture)
+        columns = beams_for_aperture(self.columns, self.aperture, aperture)
         if self.staggered:
             columns = max(round(columns / len(self.elevation)), 1) * len(self.elevation)
         return replace(self, columns=columns, aperture=aperture)

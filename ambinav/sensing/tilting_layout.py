@@ -14,11 +14,11 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_turn,
+    beams_for_aperture,
     directed,
     fan_angles,
     plain_mount,
     plain_tilt,
-    refilled,
     thinned_fan,
 )
 from ambinav.sensing.space_layout import AtPoint, Floats, InSpace, kept_rows
@@ -70,7 +70,7 @@ class Tilting(AtPoint, InSpace):
 
     def with_aperture(self, aperture: float) -> Tilting:
         """Return fans of another aperture, radians; see `Planar.with_aperture`."""
-        beams = refilled(self.beams, self.aperture, aperture)
+        beams = beams_for_aperture(self.beams, self.aperture, aperture)
         return replace(self, beams=beams, aperture=aperture)
 
     def thinned(self, most: int) -> Tilting:

@@ -247,10 +247,10 @@ def sweep_scanner(
     explored and reachable. All of a route counts.
 
     Args:
-        env: The environment.
+        env: The environment, in the plane or in space.
         scanner: The scanner as it is, a preset's name, or a scanner file.
         vary: Variations, such as "aperture=60:360:30" (see `Variation.parse`); several make a
-            grid.
+            grid. A height or a pitch of the mount is varied in space only.
         region: The region; None: all floor that counts.
         part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
         criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"

@@ -365,6 +365,8 @@ def _differences(before: Part, after: Part, values: Mapping[str, float]) -> list
 
 def _with_values(layout: Layout, values: Mapping[str, float]) -> Layout:
     """Return a layout with other values."""
+    if "height" in values:
+        layout = layout.moved(0.0, 0.0, values["height"] - float(layout.upright()[0, 0]))
     count = round(values["beams"]) if "beams" in values else None
     if "aperture" in values and isinstance(layout, Planar | Layers | Tilting):
         aperture = math.radians(values["aperture"])
@@ -380,8 +382,6 @@ def _with_values(layout: Layout, values: Mapping[str, float]) -> Layout:
         layout = _with_yaw(layout, math.radians(values["yaw"]))
     if "pitch" in values and isinstance(layout, Planar | Layers | Camera):
         layout = replace(layout, pitch=math.radians(values["pitch"]))
-    if "height" in values:
-        layout = layout.moved(0.0, 0.0, values["height"] - float(layout.upright()[0, 0]))
     return layout
 
 

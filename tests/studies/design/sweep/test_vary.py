@@ -246,6 +246,7 @@ def test_a_changed_scanner_says_what_was_changed_of_which() -> None:
     ("vary", "scanner"),
     [
         ("beams=1e12", an.RangeScanner.from_preset("rplidar-a1")),
+        ("height=0.5 beams=1e12", an.RangeScanner.from_preset("rplidar-a1")),
         ("beams=200000", an.RangeScanner.from_preset("polaroid-6500-ring")),
         # 2 beams a nanoradian apart, all around.
         (
@@ -258,4 +259,4 @@ def test_a_changed_scanner_says_what_was_changed_of_which() -> None:
 )
 def test_a_scanner_of_too_many_beams_is_refused(vary: str, scanner: an.RangeScanner) -> None:
     with pytest.raises(InputError, match="beams; give at most 100000"):
-        settings(scanner, [Variation.parse(vary)])
+        settings(scanner, [Variation.parse(text) for text in vary.split()])
