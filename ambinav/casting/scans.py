@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,12 @@ from ambinav.casting.plane.fan import scan_plan
 from ambinav.casting.scene import Scene
 from ambinav.casting.space import Scans, SpaceRays
 from ambinav.runtime.errors import InputError
+
+GIVE_HEIGHTS: Final = (
+    "give the building heights: `--extrude M`, or `--in-space` for those of an .ifc file, in "
+    "Python environment.in_space(extruded(environment, height))"
+)
+"""Remedy for a plan where a building in space is needed."""
 
 
 def scan_rays(
@@ -71,15 +78,14 @@ def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.
         if len(steep):
             raise InputError(
                 f"{scene.name}: it is a plan, and the scanner looks up and down (a beam has an "
-                f"elevation of {math.degrees(elevation[steep[0]]):.3g} degrees); give the building "
-                "heights: `--extrude M`, or `--in-space` for those of an .ifc file, in Python "
-                "environment.in_space(extruded(environment, height))."
+                f"elevation of {math.degrees(elevation[steep[0]]):.3g} degrees); {GIVE_HEIGHTS}."
             )
     elif len(height) and not height.min() > 0.0:
         raise InputError(
             f"{scene.name}: it is a building in space, and a sensor of the scanner is at z = "
             f"{height.min():g} m, on its floor; give the mount a height: `z:` in its file, "
-            "`--scanner-height M` of `ambinav map` and `audit`, in Python scanner.raised(height)."
+            "`--scanner-height M` of `ambinav map`, `audit` and `design sweep`, in Python "
+            "scanner.raised(height)."
         )
 
 

@@ -21,6 +21,7 @@ from ambinav.cli.map_options import (
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,7 +70,8 @@ def sweep(
             "--vary",
             metavar="NAME=FIRST:LAST:STEP",
             help="Property to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
-            "(metres); or NAME=A,B,C. Several make a grid.",
+            "(metres), in space also height (metres) and pitch (degrees, positive looks down); or "
+            "NAME=A,B,C. Several make a grid.",
             show_default=False,
         ),
     ],
@@ -95,6 +97,7 @@ def sweep(
     ] = "mean",
     where: SweptOptions,
     building: BuildingOptions,
+    space: SpaceOptions,
     spacing: Spacing = 0.1,
     radius: AmbiguityRadius = 0.5,
     map_std: MapStd = None,
@@ -104,8 +107,8 @@ def sweep(
 ) -> None:
     """Vary a scanner, and report the setting with which a robot is least lost.
 
-    Varies aperture, orientation, number of beams, range or accuracy; evaluates a map, a polygon or
-    a route.
+    Varies aperture, orientation, height, number of beams, range or accuracy; evaluates a map, a
+    polygon or a route. With --extrude, --in-space or a mesh for MAP, scanners see in space.
 
     Example: `ambinav design sweep office.yaml -s hokuyo-urg-04lx --vary aperture=60:360:30 -o out`
     """
@@ -117,6 +120,7 @@ def sweep(
 
         making = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         where.check()
         if where.route is not None and not robot == ReachOptions():
@@ -126,7 +130,9 @@ def sweep(
         check_report(STUDY, output, pictures)
         variations = [Variation.parse(text) for text in vary]
         region = where.region()
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = making.load(
+            map_file, scanner, building, space, robot.robot_radius or 0.0
+        )
         with progress_bars(as_json) as bars:
             result = sweep_scanner(
                 environment,
@@ -161,16 +167,23 @@ _SHOWN = 10
 
 
 def _show(report: Document, result: SweepResult, output: Path | None) -> None:
-    from ambinav.studies.design.sweep.text import Words, values_text, varied_text
+    from ambinav.studies.design.sweep.text import Words, share_text, values_text, varied_text
 
     levels, shares = Words(result).formats
     settings = [(values_text(result, i), report.settings[i], "") for i in result.order[:_SHOWN]]
     present = tuple(map(varied_text, report.present.values.values()))
+    fits = ("fits on",) if result.fits_unevenly else ()
     rows = (
-        (*cells, *map(levels, (part.mean, part.p95, part.worst)), shares(part.bad), remark)
+        (
+            *cells,
+            *map(levels, (part.mean, part.p95, part.worst)),
+            shares(part.bad),
+            *(share_text(part.standing or 0.0) for _ in fits),
+            remark,
+        )
         for cells, part, remark in (*settings, (present, report.present, "present"))
     )
-    columns = (*report.best.values, "mean", "p95", "worst", "bad", "")
+    columns = (*report.best.values, "mean", "p95", "worst", "bad", *fits, "")
     show(report.summary, "", table(columns, rows))
     if len(result.order) > _SHOWN:
         show(f"the best {_SHOWN} of {len(result.order)} different settings")

@@ -20,6 +20,7 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_turn,
+    beams_for_aperture,
     directed,
     divisor,
     fan_angles,
@@ -102,12 +103,8 @@ class Planar(AtPoint):
         Raises:
             InputError: it is out of its range, or this fan has a single direction.
         """
-        gaps = self.beams if self.full_circle else self.beams - 1
-        if gaps < 1 or not self.aperture > 0.0:
-            raise InputError("a single beam leaves no angle between beams to keep; give two.")
-        count = round(aperture * gaps / self.aperture)
-        around = aperture > TURN - 1e-9
-        return replace(self, beams=max(count if around else count + 1, 1), aperture=aperture)
+        beams = beams_for_aperture(self.beams, self.aperture, aperture)
+        return replace(self, beams=beams, aperture=aperture)
 
     def thinned(self, most: int) -> Planar:
         """Return a fan of at most `most` evenly spaced beams, symmetric about the same axis.

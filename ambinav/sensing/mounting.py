@@ -107,6 +107,24 @@ def fan_angles(beams: int, aperture: float) -> Floats:
     return np.linspace(-half, half, beams)
 
 
+def beams_for_aperture(beams: int, before: float, after: float) -> int:
+    """Return the number of beams of a fan of another aperture with about the same angle between.
+
+    Args:
+        beams: Number of beams now.
+        before: Aperture now, radians.
+        after: The other aperture, radians.
+
+    Raises:
+        InputError: the fan has a single direction.
+    """
+    gaps = beams if before > TURN - 1e-9 else beams - 1
+    if gaps < 1 or not before > 0.0:
+        raise InputError("a single beam leaves no angle between beams to keep; give two.")
+    count = round(after * gaps / before)
+    return max(count if after > TURN - 1e-9 else count + 1, 1)
+
+
 def divisor(number: int, most: int) -> int | None:
     """Return the largest divisor of a number that is at most `most` and at least its half."""
     sizes = range(most, (most - 1) // 2, -1)

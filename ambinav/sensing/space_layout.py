@@ -18,6 +18,7 @@ from ambinav.sensing.mounting import (
     Mount,
     as_elevation,
     as_turn,
+    beams_for_aperture,
     directed,
     fan_angles,
     plain_mount,
@@ -133,6 +134,13 @@ class Layers(AtPoint, InSpace):
         """Return the times of the beams; all beams of a column are taken at once."""
         columns = np.arange(1 - self.columns, 1) / self.columns
         return columns if self.staggered else np.tile(columns, len(self.elevation))
+
+    def with_aperture(self, aperture: float) -> Layers:
+        """Return layers of another aperture, radians; see `Planar.with_aperture`."""
+        columns = beams_for_aperture(self.columns, self.aperture, aperture)
+        if self.staggered:
+            columns = max(round(columns / len(self.elevation)), 1) * len(self.elevation)
+        return replace(self, columns=columns, aperture=aperture)
 
     def thinned(self, most: int) -> Layers:
         """Return at most `most` beams in a subset of layers, the lowest and highest included.

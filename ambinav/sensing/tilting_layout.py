@@ -14,6 +14,7 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_turn,
+    beams_for_aperture,
     directed,
     fan_angles,
     plain_mount,
@@ -66,6 +67,11 @@ class Tilting(AtPoint, InSpace):
         fans = [directed(angle, flat, self.mount, self.z, pitch, 0.0) for pitch in self.pitch]
         across, up = zip(*fans, strict=True)
         return np.concatenate(across), np.concatenate(up)
+
+    def with_aperture(self, aperture: float) -> Tilting:
+        """Return fans of another aperture, radians; see `Planar.with_aperture`."""
+        beams = beams_for_aperture(self.beams, self.aperture, aperture)
+        return replace(self, beams=beams, aperture=aperture)
 
     def thinned(self, most: int) -> Tilting:
         """Return at most `most` beams in a subset of fans, the lowest and highest included.

@@ -44,11 +44,13 @@ def scanner_views(
         mounted = scanner.centred if around else scanner
         thinned = thin(mounted)
         tau = independent_tau(thinned)
-        origins = np.unique(np.round(mounted.mounts[:, :2], 9), axis=0)
-        off_centre = bool(np.hypot(*origins.T).max() > AT_CENTRE)
+        # With their heights, which decide in space.
+        sensors = np.column_stack([mounted.mounts[:, :2], mounted.upright[:, 0]])
+        origins = np.unique(np.round(sensors, 9), axis=0)
+        off_centre = bool(np.hypot(*origins[:, :2].T).max() > AT_CENTRE)
         for h, theta in enumerate([0.0] if around else headings.tolist()):
             # Sensors in the robot's centre are at its position at every heading.
-            key = (origins.tobytes(), theta) if off_centre else (b"", 0.0)
+            key = origins.tobytes(), theta if off_centre else 0.0
             if key not in column:
                 column[key] = len(possible)
                 stands = can_stand(lattice.environment, mounted, x, y, theta)

@@ -103,7 +103,9 @@ def place_levels(
         tau=1.0,
     )
     body = RangeScanner.planar(scanners[0].sensors[0], 1, 0.0)
-    lattice, _ = standing_lattice(Lattice.over(env, spacing), body, np.zeros(1))
+    # In space too the floor of the plan: settings differ in where they can stand on it.
+    lattice, _ = standing_lattice(Lattice.over(env.plan, spacing), body, np.zeros(1))
+    lattice = replace(lattice, environment=env)
     places = region.places(lattice, headings, reach)
     amount = float(places.weight.sum())
     if region.kind != "route":

@@ -210,6 +210,7 @@ def content(result: SweepResult, report: Document) -> Content:
         "rows": rows,
         "different": len(result.order),
         "gain": None if turning is None else turning.value,
+        "fits": result.fits_unevenly,
         "titles": [_label(result, axis) for axis in range(len(result.variations))],
         "best": words.best,
         "next_margin": "" if len(result.order) < 2 else words.margin(result.order[1]),

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.casting.scans import check_rays, plane_only
+from ambinav.casting.scans import GIVE_HEIGHTS, check_rays
 from ambinav.config import as_count
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.collision.reach import find_reach
@@ -34,6 +34,7 @@ from ambinav.studies.design.sweep.place_levels import PlaceLevels, place_levels
 from ambinav.studies.design.sweep.turning import Turning, turning
 from ambinav.studies.design.sweep.twins import first_twins
 from ambinav.studies.design.sweep.vary import (
+    VARIABLES,
     Setting,
     Variation,
     part_number,
@@ -46,6 +47,8 @@ PLACES: Final = 1000
 """Places that a sweep looks at."""
 ROUTE_HEADINGS: Final = 72
 """Headings that those of a route are rounded to: 5 degrees apart."""
+UNEVEN: Final = 0.01
+"""Share of the region by which settings differ in where they fit, from which it is reported."""
 DIGITS: Final = 6
 """Decimals to which figures are compared, as in report.json."""
 
@@ -132,6 +135,17 @@ class SweepResult:
     def present_is_best(self) -> bool:
         """True if the present scanner has the beams of the best setting."""
         return self.rows[-1] == self.rows[self.order[0]]
+
+    @property
+    def most_standing(self) -> float:
+        """Largest share of the region where the robot can stand with a setting, or as it is."""
+        return max(outcome.figures.standing for outcome in (*self.outcomes, self.present))
+
+    @property
+    def fits_unevenly(self) -> bool:
+        """True if settings, the present one included, differ in the floor where they fit."""
+        standing = [outcome.figures.standing for outcome in (*self.outcomes, self.present)]
+        return self.most_standing - min(standing) > UNEVEN
 
     @property
     def best_scanner(self) -> RangeScanner:
@@ -233,10 +247,10 @@ def sweep_scanner(
     explored and reachable. All of a route counts.
 
     Args:
-        env: The environment.
+        env: The environment, in the plane or in space.
         scanner: The scanner as it is, a preset's name, or a scanner file.
         vary: Variations, such as "aperture=60:360:30" (see `Variation.parse`); several make a
-            grid.
+            grid. A height or a pitch of the mount is varied in space only.
         region: The region; None: all floor that counts.
         part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
         criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"
@@ -256,16 +270,14 @@ def sweep_scanner(
 
     Raises:
         InputError: the scanner does not have what is varied, the region is empty, there are too
-            many settings, an argument is out of its range, or the building or a beam of the scanner
-            is not in the plane.
+            many settings, an argument is out of its range, or the building and the scanner do not
+            go together (`casting.scans.check_rays`).
 
     Warns:
         InputWarning: see `find_reach`.
     """
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
-    plane_only(env, "a sweep")
-    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     if criterion not in CRITERIA:
         raise InputError(f"criterion is {criterion!r}; choose from {', '.join(CRITERIA)}.")
     if not (math.isfinite(spacing) and 0.0 < spacing <= radius < math.inf):
@@ -280,6 +292,13 @@ def sweep_scanner(
         Variation.parse(variation) if isinstance(variation, str) else variation
         for variation in vary
     )
+    for variation in variations:
+        if env.space is None and VARIABLES[variation.name].in_space:
+            raise InputError(
+                f"vary {variation.name}: {env.name} is a plan, which has no heights; "
+                f"{GIVE_HEIGHTS}."
+            )
+    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     grid = settings(scanner, variations, part)
     names = [variation.name for variation in variations]
     yaw = names.index("yaw") if "yaw" in names else None

@@ -10,7 +10,7 @@ from functools import cached_property
 from ambinav.ambiguity.model import PIECES_PER_TURN
 from ambinav.drive.bootstrap import Interval
 from ambinav.studies.design.sweep.figures import CRITERIA
-from ambinav.studies.design.sweep.sweep import DIGITS, SweepResult, is_open
+from ambinav.studies.design.sweep.sweep import DIGITS, UNEVEN, SweepResult, is_open
 from ambinav.studies.design.sweep.turning import WORTH, Turning
 from ambinav.studies.design.sweep.vary import VARIABLES
 
@@ -208,11 +208,21 @@ class Words:
                 f"Of {count} settings of {where}{distinct_text} the best is {self.best}: {title} "
                 f"{self.best_value}."
             ]
-            text += [self._next(), *self._fewer_beams()]
+            text += [*self._fits(), self._next(), *self._fewer_beams()]
         text.append(self._present())
         if result.turning is not None and len(result.turning.yaws) > 1:
             text.append(self._turning(result.turning))
         return " ".join(text)
+
+    def _fits(self) -> list[str]:
+        """Return a warning, in a sentence, if the best setting fits on less floor than another."""
+        standing, most = self.result.best.figures.standing, self.result.most_standing
+        if most - standing <= UNEVEN:
+            return []
+        return [
+            f"That is of the {share_text(standing)} of the region where the robot fits with it; "
+            f"with others it fits on up to {share_text(most)}."
+        ]
 
     def _next(self) -> str:
         result = self.result

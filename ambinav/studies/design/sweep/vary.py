@@ -15,6 +15,8 @@ from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.layout import Layout, Mounts, Part, Planar, Ring
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.space_layout import AtPoint, Camera, Layers
+from ambinav.sensing.tilting_layout import Tilting
 
 MOST_SETTINGS: Final = 2000
 """A sweep has no more settings than this."""
@@ -35,6 +37,7 @@ class Variable:
         read: Its value of a part of a scanner, None where the part has none.
         why_not: Why a part does not have it, as the end of a sentence.
         step: Between values where a range names none; None: it has to.
+        in_space: True if a plan has no such property.
     """
 
     name: str
@@ -43,6 +46,7 @@ class Variable:
     read: Callable[[Part], float | None]
     why_not: str
     step: float | None = None
+    in_space: bool = False
 
     def text(self, value: float) -> str:
         """Format a value: "aperture 60°"; nan is a curve over the range."""
@@ -52,12 +56,13 @@ class Variable:
 
 
 def _aperture(part: Part) -> float | None:
-    return math.degrees(part.layout.aperture) if isinstance(part.layout, Planar) else None
+    fans = Planar | Layers | Tilting
+    return math.degrees(part.layout.aperture) if isinstance(part.layout, fans) else None
 
 
 def _yaw(part: Part) -> float | None:
     layout = part.layout
-    if isinstance(layout, Planar):
+    if isinstance(layout, AtPoint):
         return math.degrees(layout.mount[2])
     if isinstance(layout, Ring):
         return math.degrees(layout.start)
@@ -68,6 +73,16 @@ def _beams(part: Part) -> float | None:
     if isinstance(part.layout, Planar):
         return float(part.layout.beams)
     return float(part.layout.count) if isinstance(part.layout, Ring) else None
+
+
+def _height(part: Part) -> float | None:
+    z = part.layout.upright()[:, 0]
+    return float(z[0]) if np.ptp(z) < _SAME else None
+
+
+def _pitch(part: Part) -> float | None:
+    tilted = Planar | Layers | Camera
+    return math.degrees(part.layout.pitch) if isinstance(part.layout, tilted) else None
 
 
 def _std(part: Part) -> float | None:
@@ -83,7 +98,7 @@ VARIABLES: Final = {
     for variable in (
         Variable(
             "aperture", "deg", "aperture", _aperture,
-            "its sensors are mounted individually, so there is no fan to widen",
+            "it is a camera, or its sensors are mounted individually, so there is no fan to widen",
         ),
         Variable(
             "yaw", "deg", "yaw", _yaw,
@@ -91,7 +106,20 @@ VARIABLES: Final = {
         ),
         Variable(
             "beams", "", "beams", _beams,
-            "its sensors are listed individually; `ambinav design beams` selects among them", 1.0,
+            "its sensors are listed individually (`ambinav design beams` selects among them), or "
+            "it is a 3D scanner",
+            1.0,
+        ),
+        Variable(
+            "height", "m", "height", _height,
+            "its sensors are mounted at several heights, so there is no mount to raise",
+            in_space=True,
+        ),
+        Variable(
+            "pitch", "deg", "pitch", _pitch,
+            "it tilts by itself, or its sensors are mounted individually, so there is no mount to "
+            "tilt",
+            in_space=True,
         ),
         Variable("max_range", "m", "maximum range", lambda part: part.sensor.max_range, ""),
         Variable("std", "m", "standard deviation", _std, ""),
@@ -135,6 +163,10 @@ class Variation:
             if self.name == "aperture" and not 0.0 < value <= 360.0:
                 raise InputError(
                     f"vary aperture: {value:g} degrees is not an aperture; give above 0 up to 360."
+                )
+            if self.name == "height" and not value > 0.0:
+                raise InputError(
+                    f"vary height: {value:g} m is not above the floor; give metres above 0."
                 )
             turn = 360.0 if self.name == "yaw" else math.inf
             if all(abs(math.remainder(value - other, turn)) > _SAME for other in kept):
@@ -294,9 +326,8 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
             resolution=values.get("resolution", part.sensor.resolution),
         )
         layout = _with_values(part.layout, values)
-        count = layout.beams if isinstance(layout, Planar) else 0
-        count = layout.count if isinstance(layout, Ring) else count
-        if count > MOST_BEAMS:
+        count = _count(layout)
+        if count > max(MOST_BEAMS, _count(part.layout)):
             raise InputError(f"that makes {count} beams; give at most {MOST_BEAMS}.")
     except InputError as error:
         raise InputError(f"vary {named}: {error}") from error
@@ -334,24 +365,47 @@ def _differences(before: Part, after: Part, values: Mapping[str, float]) -> list
 
 def _with_values(layout: Layout, values: Mapping[str, float]) -> Layout:
     """Return a layout with other values."""
+    if "height" in values:
+        layout = layout.moved(0.0, 0.0, values["height"] - float(layout.upright()[0, 0]))
     count = round(values["beams"]) if "beams" in values else None
-    yaw = math.radians(values["yaw"]) if "yaw" in values else None
-    if isinstance(layout, Planar):
-        fan = layout
-        if "aperture" in values:
-            aperture = math.radians(values["aperture"])
-            fan = (
-                layout.with_aperture(aperture) if count is None else replace(fan, aperture=aperture)
-            )
-        x, y, before = layout.mount
-        mount = x, y, before if yaw is None else yaw
-        return replace(fan, beams=count or fan.beams, mount=mount)
-    if isinstance(layout, Ring):
-        start = layout.start if yaw is None else yaw
-        return replace(layout, count=count or layout.count, start=start)
-    if isinstance(layout, Mounts) and yaw is not None:
-        return replace(layout, each=tuple((x, y, t + yaw) for x, y, t in layout.each))
+    if "aperture" in values and isinstance(layout, Planar | Layers | Tilting):
+        aperture = math.radians(values["aperture"])
+        layout = (
+            layout.with_aperture(aperture) if count is None else replace(layout, aperture=aperture)
+        )
+    if count is not None:
+        if isinstance(layout, Planar):
+            layout = replace(layout, beams=count)
+        elif isinstance(layout, Ring):
+            layout = replace(layout, count=count)
+    if "yaw" in values:
+        layout = _with_yaw(layout, math.radians(values["yaw"]))
+    if "pitch" in values and isinstance(layout, Planar | Layers | Camera):
+        layout = replace(layout, pitch=math.radians(values["pitch"]))
     return layout
+
+
+def _with_yaw(layout: Layout, yaw: float) -> Layout:
+    """Return a layout at another yaw, radians; of beams listed one by one turned by it."""
+    if isinstance(layout, AtPoint):
+        x, y, _ = layout.mount
+        return replace(layout, mount=(x, y, yaw))
+    if isinstance(layout, Ring):
+        return replace(layout, start=yaw)
+    return replace(layout, each=tuple((x, y, t + yaw) for x, y, t in layout.each))
+
+
+def _count(layout: Layout) -> int:
+    """Return the number of beams of a layout, without making them."""
+    if isinstance(layout, Planar):
+        return layout.beams
+    if isinstance(layout, Ring):
+        return layout.count
+    if isinstance(layout, Layers):
+        return layout.columns * (1 if layout.staggered else len(layout.elevation))
+    if isinstance(layout, Tilting):
+        return layout.beams * len(layout.pitch)
+    return 0
 
 
 def _number(text: str, text_of_all: str) -> float:

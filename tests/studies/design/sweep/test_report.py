@@ -18,6 +18,7 @@ from ambinav.routes.files import save_route
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.sweep.document import Document
+from tests.geometry.furnished import ROOM, TABLES, box
 
 CAMERA = """
 name: "camera | <b>"
@@ -152,6 +153,53 @@ def test_a_part_of_a_rig_is_varied(folder: Path) -> None:
     assert "has 2 parts; name the one to vary: 1 (left), 2 (sonar)" in refused.stderr
 
 
+def test_a_plan_with_a_height(folder: Path) -> None:
+    space = ("--extrude", "2.5", "--scanner-height", "0.4")
+    vary = ("--vary", "pitch=0,-15", "--vary", "height=0.4,0.8", "--places", "30")
+    result = run(*vary, *space, "-o", "out")
+    assert result.exit_code == 0, result.output
+    report = written(folder / "out")
+    assert [(one.name, one.unit) for one in report.variations] == [
+        ("pitch", "deg"),
+        ("height", "m"),
+    ]
+    assert report.present.values == {"pitch": 0.0, "height": 0.4}
+    assert report.present.same_beams_as == 0
+    assert is_picture(folder / "out" / "settings.png")
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Height (m)" in page
+    assert "Pitch (degrees)" in page
+    # Walls alone: a level camera has the figures of the plan.
+    plan = run("--vary", "std=0.03", "--places", "30", "--json")
+    mean = Document.model_validate_json(plan.stdout).present.mean
+    assert report.present.mean == pytest.approx(mean, abs=1e-3)
+
+
+def test_a_mesh(folder: Path) -> None:
+    parts = [box(*ROOM), *(box(*table) for table in TABLES)]
+    lines = [f"v {x} {y} {z}" for vertices, _ in parts for x, y, z in vertices.tolist()]
+    for part, (_, faces) in enumerate(parts):
+        lines += ["f " + " ".join(str(k + 1 + 8 * part) for k in face) for face in faces.tolist()]
+    (folder / "room.obj").write_text("\n".join(lines))
+    arguments = [
+        "design", "sweep", "room.obj", "-s", "camera.yaml", *QUICK, "--places", "60", "-o", "out",
+        "--vary", "height=0.3,0.9",
+    ]  # fmt: skip
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 2
+    assert "does not say how high it is mounted; give --scanner-height" in refused.stderr
+    result = CliRunner().invoke(app, [*arguments, "--scanner-height", "0.3"])
+    assert result.exit_code == 0, result.output
+    low, high = written(folder / "out").settings
+    # The table is passed below, but not by a mast.
+    assert low.standing == 1.0
+    assert high.standing is not None
+    assert high.standing < 1.0
+    share = f"{100 * high.standing:.1f} %"
+    assert re.search(rf"fits on *\n +0\.3 .* 100\.0 % *\n +0\.9 .* {share}", result.stdout)
+    assert f"| {share} |" in (folder / "out" / "report.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
@@ -171,6 +219,16 @@ def test_a_part_of_a_rig_is_varied(folder: Path) -> None:
         (("--vary", "yaw=0", "-o", "."), "which is not of an earlier sweep"),
         (("--vary", "yaw=0", "--heading", "1", "--headings", "2"), "excludes a number of headings"),
         (("--vary", "max_range=0.001", "--places", "5"), "vary max_range 0.001: "),
+        (("--vary", "height=0.5"), "vary height: plan is a plan, which has no heights; give the "),
+        (("--vary", "pitch=5"), "vary pitch: plan is a plan, which has no heights; give the "),
+        (
+            ("--vary", "yaw=0", "--extrude", "2.5"),
+            "on its floor; give the mount a height: `z:` in "
+            "its file, `--scanner-height M` of `ambinav map`, `audit` and `design sweep`",
+        ),
+        (("--vary", "height=0", "--extrude", "2.5"), "vary height: 0 m is not above the floor"),
+        (("--vary", "yaw=0", "--extrude", "-1"), "--extrude: -1 is not above zero"),
+        (("--vary", "yaw=0", "--scanner-height", "-1"), "--scanner-height: -1 is not above zero"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2(

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ambinav as an
 from ambinav.runtime.errors import InputError
+from ambinav.sensing.layout import Part
+from ambinav.sensing.space_layout import Camera
+from ambinav.sensing.tilting_layout import Tilting
 from ambinav.studies.design.sweep.vary import Variation, part_number, present_values, settings
 
 LASER = an.RangeSensor(name="laser", max_range=4.0, std=0.03, resolution=0.001)
@@ -57,6 +61,7 @@ def test_values_are_read(text: str, values: tuple[float, ...]) -> None:
         ("beams=2.5", "2.5 is not a number of beams"),
         ("beams=0:4", "0 is not a number of beams"),
         ("yaw=nan", "is not finite"),
+        ("height=-0.1:0.3:0.2", "vary height: -0.1 m is not above the floor; give metres above 0"),
         ("yaw=0:inf:5", "not finite"),
         ("std=0:1:1e-9", "1000000001 settings"),
     ],
@@ -132,6 +137,70 @@ def test_a_ring_has_no_aperture() -> None:
         scanners(RING, "aperture=90")
 
 
+LAYERS = an.RangeScanner.layered(LASER, 36, [-0.2, 0.1], z=0.5, pitch=0.1, name="layers")
+TILTING = an.RangeScanner((Part(LASER, Tilting(31, math.pi, (-0.2, 0.0, 0.2), z=0.5)),))
+CAMERA = an.RangeScanner((Part(LASER, Camera(4, 3, 1.0, 0.8, z=0.5)),))
+LISTED = an.RangeScanner.from_mounts(LASER, [[0.1, 0, 0], [0.2, 0, 1]])
+
+
+@pytest.mark.parametrize("scanner", [FAN, RING, LAYERS, TILTING, CAMERA, LISTED])
+def test_a_scanner_is_raised_to_a_height(scanner: an.RangeScanner) -> None:
+    vary = [Variation.parse("height=0.8")]
+    (high,) = scanners(scanner, "height=0.8")
+    np.testing.assert_allclose(high.upright[:, 0], 0.8)
+    np.testing.assert_array_equal(high.upright[:, 1], scanner.upright[:, 1])
+    np.testing.assert_array_equal(high.mounts, scanner.mounts)
+    assert present_values(high, vary) == pytest.approx((0.8,))
+    assert present_values(scanner, vary) == pytest.approx((scanner.upright[0, 0],))
+    assert "height 0.8 m instead of" in high.description
+
+
+def test_a_tilted_mount_looks_down() -> None:
+    (fan,) = scanners(FAN, "pitch=20")
+    assert fan.upright[15, 1] == pytest.approx(math.radians(-20))
+    # To the sides it stays level.
+    assert fan.upright[[0, -1], 1] == pytest.approx([0.0, 0.0])
+    (layers,) = scanners(LAYERS, "pitch=0", "yaw=30")
+    assert layers.upright[:36, 1] == pytest.approx(-0.2)
+    assert "yaw 30 degrees instead of 0 degrees" in layers.description
+    assert "pitch 0 degrees instead of 5.72958 degrees" in layers.description
+    (camera,) = scanners(CAMERA, "pitch=90")
+    assert camera.upright[:, 1].mean() < -1.0
+    for scanner in (RING, TILTING, LISTED):
+        with pytest.raises(InputError, match=r"has no pitch: it tilts by itself, or its sensors"):
+            scanners(scanner, "pitch=5")
+    with pytest.raises(InputError, match="vary pitch 91: pitch is 91 degrees; give -90 to 90"):
+        scanners(FAN, "pitch=91")
+
+
+def test_an_aperture_keeps_the_angle_between_columns() -> None:
+    narrow, around = scanners(LAYERS, "aperture=90,360")
+    assert (narrow.beams, around.beams) == (2 * 10, 2 * 36)
+    assert narrow.parts[0].layout == replace(
+        LAYERS.parts[0].layout, columns=10, aperture=math.pi / 2
+    )
+    (narrow,) = scanners(TILTING, "aperture=60")
+    assert narrow.beams == 3 * 11
+    mid = an.RangeScanner.from_preset("livox-mid-360")
+    (narrow,) = scanners(mid, "aperture=90")
+    assert narrow.beams == pytest.approx(mid.beams / 4, rel=0.02)
+    with pytest.raises(InputError, match="has no aperture: it is a camera, or"):
+        scanners(CAMERA, "aperture=90")
+    with pytest.raises(InputError, match=r"has no beams: .*, or it is a 3D scanner"):
+        scanners(LAYERS, "beams=9")
+
+
+def test_what_sits_at_several_heights_has_none() -> None:
+    with pytest.raises(InputError, match="has no height: its sensors are mounted at several"):
+        listed = an.RangeScanner.from_mounts(
+            LASER, [[0, 0, 0], [0, 0, 1]], upright=[[0.2, 0], [0.5, 0]]
+        )
+        scanners(listed, "height=0.5")
+    low, high = scanners(MIXED, "height=0.4,0.8", part="sonar")
+    assert set(low.upright[:, 0].round(9)) == {0.0, 0.4}
+    assert set(high.upright[:, 0].round(9)) == {0.0, 0.8}
+
+
 def test_a_variable_is_varied_once() -> None:
     with pytest.raises(InputError, match="yaw is varied twice"):
         scanners(FAN, "yaw=0", "yaw=90")
@@ -177,6 +246,7 @@ def test_a_changed_scanner_says_what_was_changed_of_which() -> None:
     ("vary", "scanner"),
     [
         ("beams=1e12", an.RangeScanner.from_preset("rplidar-a1")),
+        ("height=0.5 beams=1e12", an.RangeScanner.from_preset("rplidar-a1")),
         ("beams=200000", an.RangeScanner.from_preset("polaroid-6500-ring")),
         # 2 beams a nanoradian apart, all around.
         (
@@ -189,4 +259,4 @@ def test_a_changed_scanner_says_what_was_changed_of_which() -> None:
 )
 def test_a_scanner_of_too_many_beams_is_refused(vary: str, scanner: an.RangeScanner) -> None:
     with pytest.raises(InputError, match="beams; give at most 100000"):
-        settings(scanner, [Variation.parse(vary)])
+        settings(scanner, [Variation.parse(text) for text in vary.split()])
