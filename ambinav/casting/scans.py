@@ -84,8 +84,7 @@ def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.
         raise InputError(
             f"{scene.name}: it is a building in space, and a sensor of the scanner is at z = "
             f"{height.min():g} m, on its floor; give the mount a height: `z:` in its file, "
-            "`--scanner-height M` of `ambinav map`, `audit` and `design sweep`, in Python "
-            "scanner.raised(height)."
+            "`--scanner-height M` on the command line, in Python scanner.raised(height)."
         )
 
 

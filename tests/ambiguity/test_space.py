@@ -305,7 +305,7 @@ def test_building_and_scanner_that_do_not_go_together() -> None:
 def test_what_is_known_of_plans_alone() -> None:
     plan = scenes.room(6.0, 4.0)
     env = tall(plan)
-    with pytest.raises(InputError, match="a turned building.*is known for plans alone.*plan"):
+    with pytest.raises(InputError, match=r"a turned building.*is known for plans alone.*plan"):
         env.transformed(0.1)
     with pytest.raises(InputError, match="wall_normals: the building is in space"):
         build_map(env, LASER, layers="wall_normals")

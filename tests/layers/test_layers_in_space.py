@@ -136,3 +136,23 @@ def test_a_mesh_has_no_perturbation_and_its_gfm_is_that_of_prisms() -> None:
             made(mesh, LASER, layer)
     one, other = (made(env, LASER, "gfm")["gfm"].values for env in (prisms, mesh))
     assert np.nanmax(np.abs(one - other)) <= 1 / 64 + 1e-6
+
+
+@pytest.mark.parametrize("layer", ["expected_error", "lost_rate"])
+def test_forecasts_in_a_mesh_are_those_of_prisms(layer: str) -> None:
+    prisms, mesh = furnished()
+    one, other = (made(env, LASER, layer)[layer].values for env in (prisms, mesh))
+    assert np.isfinite(one).sum() > 40
+    near = np.isclose(one, other, rtol=0.05, atol=1e-3, equal_nan=True)
+    # Rays that meet an edge of the table may be on either of its faces.
+    assert near.mean() > 0.95
+
+
+def test_sonars_in_space_have_a_perturbation() -> None:
+    """As in the plan, but for rays between those of its fan."""
+    plan = scenes.room(4.0, 3.0)
+    flat, high = made(plan, RING, "perturbation"), made(tall(plan), RING, "perturbation")
+    known = np.isfinite(flat["perturbation"].values)
+    assert known.sum() > 20
+    off = np.abs(flat["perturbation"].values - high["perturbation"].values)[known]
+    assert np.median(off) < 0.01

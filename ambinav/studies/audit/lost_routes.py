@@ -59,8 +59,7 @@ def find_lost_routes(
         pairs: Number of pairs.
 
     Raises:
-        InputError: no route can be sampled, as in a building of a single place, or the forecast's
-            rays cannot be cast: in meshes, and with cones in space.
+        InputError: no route can be sampled, as in a building of a single place.
     """
     with warnings.catch_warnings():
         # Floor that is cut off on the lattice: the audit reports what is not reached.

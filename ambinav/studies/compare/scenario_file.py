@@ -21,7 +21,7 @@ from ambinav.studies.compare.scenario import Scenario
 _KEYS = {
     "`--extrude M`": "space: extrude",
     "`--in-space`": "space: in_space",
-    "`--scanner-height M` of `ambinav map`, `audit` and `design sweep`": "scanner_height",
+    "`--scanner-height M` on the command line": "scanner_height",
     "--scanner-height": "scanner_height",
     "--level NAME": "level",
     "--level": "level",

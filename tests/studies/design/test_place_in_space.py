@@ -162,12 +162,25 @@ def test_requirements_are_met_in_space(folder) -> None:
 
 
 @pytest.mark.slow
-def test_an_audit_in_space_proposes_posts(folder) -> None:
-    result = run("audit", *ASKED, *SPACE, "--no-aliasing", "--posts", "2", "-o", "out")
-    assert result.exit_code == 0, result.output
-    helps = json.loads((folder / "out" / "report.json").read_text())["helps"]
-    assert len(helps["posts"]) == 2
-    assert helps["after_m2"] < helps["before_m2"]
+def test_an_audit_in_space_gives_the_advice_of_the_plan(folder) -> None:
+    """Of a level scanner in an extruded hall: the same changes, posts and lost routes."""
+    reports = []
+    for name, options in (("plan", ()), ("space", SPACE)):
+        more = ("--no-aliasing", "--posts", "2", "-o", name)
+        result = run("audit", *ASKED, *options, *more)
+        assert result.exit_code == 0, result.output
+        reports.append(json.loads((folder / name / "report.json").read_text()))
+    plan, space = (report["verdict"] for report in reports)
+    assert space["decision"] == plan["decision"]
+    assert len(plan["tried"]) > 3
+    after = [{t["title"]: t["after_m2"] for t in part["tried"]} for part in (plan, space)]
+    assert after[0].keys() == after[1].keys()
+    for title, area in after[0].items():
+        assert after[1][title] == pytest.approx(area, abs=0.7), title
+    helps = [report["helps"] for report in reports]
+    assert helps[1]["after_m2"] < helps[1]["before_m2"]
+    assert helps[1]["after_m2"] == pytest.approx(helps[0]["after_m2"], abs=0.3)
+    assert (reports[0]["lost"] is None) == (reports[1]["lost"] is None)
 
 
 def test_heights_in_a_plan_are_refused_in_a_sentence(folder) -> None:

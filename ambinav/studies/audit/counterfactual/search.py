@@ -82,7 +82,7 @@ def find_counterfactuals(
 
     Args:
         amap: The map, whose judged floor counts throughout.
-        environment: Building of the map. In a building in space no other scanner is tried.
+        environment: Building of the map.
         scanner: Scanner of the map.
         rng: Draws places.
         trips: Trips in the building (`find_trips`); None: it has none.
@@ -97,8 +97,7 @@ def find_counterfactuals(
         return ()
     changes = [*_headings(amap, before), *_routes(before, trips)]
     report(0.1)
-    if environment.space is None:
-        changes += _scanners(amap, environment, scanner, rng, report)
+    changes += _scanners(amap, environment, scanner, rng, report)
     report(1.0)
     return tuple(sorted(changes, key=lambda change: change.after.value))
 

@@ -224,7 +224,7 @@ def test_a_mesh(folder: Path) -> None:
         (
             ("--vary", "yaw=0", "--extrude", "2.5"),
             "on its floor; give the mount a height: `z:` in "
-            "its file, `--scanner-height M` of `ambinav map`, `audit` and `design sweep`",
+            "its file, `--scanner-height M` on the command line",
         ),
         (("--vary", "height=0", "--extrude", "2.5"), "vary height: 0 m is not above the floor"),
         (("--vary", "yaw=0", "--extrude", "-1"), "--extrude: -1 is not above zero"),

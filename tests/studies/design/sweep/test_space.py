@@ -195,7 +195,7 @@ def test_shared_beams_are_cast_once(monkeypatch: pytest.MonkeyPatch) -> None:
         (scenes.room(4.0, 3.0), LAYERS, "max_range=3", "it is a plan, and the scanner looks up"),
         (
             tall(scenes.room(4.0, 3.0)), FAN.raised(-0.3), "height=0.5",
-            "z = 0 m, on its floor; give the mount a height.*`--scanner-height M` of .* `design sw",
+            "z = 0 m, on its floor; give the mount a height.*`--scanner-height M` on the comm",
         ),
         (tall(scenes.room(4.0, 3.0)), FAN.raised(3.0), "height=0.5", "or a sensor stands in a "),
     ],
