@@ -58,7 +58,7 @@ def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, f
 
 def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
     """Return the map with the wall."""
-    return amap.update(env.edited([wall]))
+    return amap.update(env.edited([wall]), before=env)
 
 
 def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
@@ -72,11 +72,20 @@ def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
     return worst
 
 
+def building_and_scanner(
+    env: an.Environment, name: str, extrude: float
+) -> tuple[an.Environment, an.RangeScanner]:
+    """Return the building and the scanner, in space if the building gets a height, metres."""
+    if extrude:
+        return env.in_space(an.extruded(env, extrude)), scanner_of(name).raised(0.3)
+    return env, scanner_of(name)
+
+
 def rows_of(
-    path: str, name: str, walls: int, repeats: int, seed: int
+    path: str, name: str, walls: int, repeats: int, seed: int, extrude: float
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
     """Return a scanner's line of the summary, and one line for each wall."""
-    env, scanner = an.load_environment(path), scanner_of(name)
+    env, scanner = building_and_scanner(an.load_environment(path), name, extrude)
     first = an.build_map(env, scanner, store=False)
     cells = int((first.dataset["free"].values > 0).sum())
     shares: dict[str, list[float]] = {"wall clock": [], "processor": []}
@@ -117,20 +126,20 @@ def main() -> None:
         walls=6,
         repeats=option(3, "updates, of which the fastest"),
         seed=23,
+        extrude=option(0.0, "height of walls, metres, for a building in space"),
     )
     numba.set_num_threads(2)
     path = str(environment_path(args.map))
     # Kernels are made before the clock starts.
     small = environment_of("demo")
     for name in args.scanners:
-        amap = an.build_map(small, scanner_of(name), 1.0, 2.0, store=False)
-        amap.update(
-            small.edited([Obstacle.panel(*random_walls(small, 1, np.random.default_rng(0))[0])])
-        )
+        env, scanner = building_and_scanner(small, name, args.extrude)
+        amap = an.build_map(env, scanner, 1.0, 2.0, store=False)
+        edited_map(amap, env, Obstacle.panel(*random_walls(env, 1, np.random.default_rng(0))[0]))
     summary: list[tuple[object, ...]] = []
     lines: list[tuple[object, ...]] = []
     for name in args.scanners:
-        summary_rows, more = rows_of(path, name, args.walls, args.repeats, args.seed)
+        summary_rows, more = rows_of(path, name, args.walls, args.repeats, args.seed, args.extrude)
         summary += summary_rows
         lines += more
     header = ("scanner", "range, headings", "seconds", "update by build")
@@ -138,8 +147,9 @@ def main() -> None:
         "scanner", "wall", "cells whose level moves", "update, s", "processor, s", "build, s",
         "processor, s", "processor, update by build", "greatest difference",
     )  # fmt: skip
+    where = f"{args.map}, {args.extrude:g} m high" if args.extrude else args.map
     body = (
-        f"{args.walls} walls of {LENGTH:g} m on {args.map}, seed {args.seed}; edit and update, the "
+        f"{args.walls} walls of {LENGTH:g} m on {where}, seed {args.seed}; edit and update, the "
         f"fastest of {args.repeats}, by one build.\n\n{table(header, summary, words=3)}\n\n"
         f"## Each wall\n\n{table(every, lines, words=2)}"
     )

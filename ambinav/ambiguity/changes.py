@@ -9,7 +9,8 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.casting.prisms.prisms import Prisms
+from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import repeated, row_keys
 from ambinav.geometry.environment import Environment
@@ -97,19 +98,60 @@ def _in_space(old: SpaceCaster, new: SpaceCaster) -> list[Floats]:
     """Return edges around all that one of two buildings alone has, seen from above."""
     if old.checksum == new.checksum:
         return []
-    if isinstance(old, Prisms) and isinstance(new, Prisms):
-        rows = [np.column_stack([p.walls.xy, p.wall_z, p.walls.kind]) for p in (old, new)]
-        edges = [part[_missing(part, other)][:, :4] for part, other in _both_ways(*rows)]
+    if comparable(old, new):
+        assert isinstance(old, Prisms) and isinstance(new, Prisms)
+        edges = [faces.xy for faces in changed_faces(old, new)]
         starts = [np.empty((0, 4)) if p.free is None else edges_of(p.free) for p in (old, new)]
-        edges += [part[~repeated(part, other)] for part, other in _both_ways(*starts)]
-        if (old.floor, old.ceiling) == (new.floor, new.ceiling):
-            return edges
-    elif isinstance(old, Mesh) and isinstance(new, Mesh):
+        return edges + [part[~repeated(part, other)] for part, other in _both_ways(*starts)]
+    if isinstance(old, Mesh) and isinstance(new, Mesh):
         faces = [mesh.triangles.reshape(-1, 9) for mesh in (old, new)]
         corners = [part[_missing(part, other)] for part, other in _both_ways(*faces)]
         around = np.concatenate(corners).reshape(-1, 3, 3)[..., :2]
         return [np.hstack([around.min(axis=1), around.max(axis=1)])]
     return [np.array([[-EVERYWHERE, -EVERYWHERE, EVERYWHERE, EVERYWHERE]])]
+
+
+def comparable(old: SpaceCaster | None, new: SpaceCaster | None) -> bool:
+    """Return whether two buildings are prisms between the same floor and ceiling."""
+    if not (isinstance(old, Prisms) and isinstance(new, Prisms)):
+        return False
+    return (old.floor, old.ceiling) == (new.floor, new.ceiling)
+
+
+def changed_faces(old: Prisms, new: Prisms, margin: float = 0.0) -> list[AddedWalls]:
+    """Return the faces that the first alone of two buildings has, and those of the second alone.
+
+    Each is wider by `margin` metres on all sides.
+    """
+    sheets = [np.column_stack(part.given).astype(np.float64) for part in (old, new)]
+    solids = [{_key(solid): solid for solid in part.solids} for part in (old, new)]
+    faces = []
+    for k in range(2):
+        rows = sheets[k][_missing(sheets[k], sheets[1 - k])]
+        bodies = [solid for key, solid in solids[k].items() if key not in solids[1 - k]]
+        edges = [*rows[:, None, :4], *(edges_of(solid.outline) for solid in bodies)]
+        z = [*rows[:, 4:6], *((solid.bottom, solid.top) for solid in bodies)]
+        kinds = [*rows[:, 6], *(solid.kind for solid in bodies)]
+        faces.append(
+            AddedWalls.of(
+                [_longer(part, margin) for part in edges],
+                kinds,
+                [(low - margin, high + margin) for low, high in z],
+                [False] * len(rows) + [True] * len(bodies),
+            )
+        )
+    return faces
+
+
+def _key(solid: Solid) -> tuple[object, ...]:
+    return shapely.to_wkb(solid.outline), solid.bottom, solid.top, solid.kind
+
+
+def _longer(edges: Floats, by: float) -> Floats:
+    """Return edges, (n, 4), that are longer at both ends."""
+    along = edges[:, 2:] - edges[:, :2]
+    along *= by / np.linalg.norm(along, axis=1, keepdims=True)
+    return edges + np.hstack([-along, along])
 
 
 def _both_ways(first: Floats, second: Floats) -> tuple[tuple[Floats, Floats], ...]:

@@ -5,7 +5,7 @@ a robot can stand and go there. So a pose is computed again if in its neighbourh
 
 - a robot can stand where it could not before, or the other way round;
 - a changed wall is near enough to part neighbours of the lattice; or
-- a ray meets a wall that is new, or met one that is gone (`ambinav.ambiguity.sight`); in space a
+- a ray meets a wall that is new, or met one that is gone (`ambinav.ambiguity.sight`); in a mesh a
   beam returns something else.
 
 All else is taken over. Numbers are those of `build_map`, which does the same at every pose.
@@ -29,12 +29,13 @@ from ambinav.ambiguity.changes import Box, Changes
 from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
-from ambinav.ambiguity.returns import BEYOND, panorama_returns
-from ambinav.ambiguity.sight import SightRays, sees
+from ambinav.ambiguity.returns import BEYOND
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.context import LayerContext
 from ambinav.map_building.build import reporter
+from ambinav.map_building.frame import Frame
+from ambinav.map_building.seen_changes import SeenChanges
 from ambinav.map_building.selection import ChosenPoses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -54,8 +55,6 @@ SLACK = 0.1
 MOST_LINES = 1000
 # More boxes than this are merged into one.
 MOST_BOXES = 8
-# Beams of poses in space whose returns are compared at a time.
-SCANNED = 4_000_000
 
 
 def updated(
@@ -105,57 +104,6 @@ def _mapped(amap: AmbiguityMap, env: Environment, before: Environment | None) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
-    """Lattice points from a first column and row on, counted in spacings.
-
-    Attributes:
-        column: The first.
-        row: The first.
-        columns: How many.
-        rows: How many.
-    """
-
-    column: int
-    row: int
-    columns: int
-    rows: int
-
-    @classmethod
-    def of(cls, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float) -> _Frame:
-        """Return the frame of a lattice."""
-        return cls(
-            round(float(x[0]) / spacing - 0.5), round(float(y[0]) / spacing - 0.5), len(x), len(y)
-        )
-
-    def around(self, other: _Frame) -> _Frame:
-        """Return the smallest frame that contains both."""
-        column, row = min(self.column, other.column), min(self.row, other.row)
-        right = max(self.column + self.columns, other.column + other.columns)
-        top = max(self.row + self.rows, other.row + other.rows)
-        return _Frame(column, row, right - column, top - row)
-
-    def axes(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
-        x = (np.arange(self.column, self.column + self.columns) + 0.5) * spacing
-        y = (np.arange(self.row, self.row + self.rows) + 0.5) * spacing
-        return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-
-    def taken(self, values: NDArray[Any], frame: _Frame, empty: Any) -> NDArray[Any]:
-        """Copy values over another frame, shape (rows, columns, ...), to this one."""
-        if frame == self:
-            return values.copy()
-        full = np.full((self.rows, self.columns, *values.shape[2:]), empty, dtype=values.dtype)
-        down, left = frame.row - self.row, frame.column - self.column
-        rows = slice(max(down, 0), max(min(down + frame.rows, self.rows), 0))
-        columns = slice(max(left, 0), max(min(left + frame.columns, self.columns), 0))
-        there = values[
-            max(-down, 0) : max(self.rows - down, 0), max(-left, 0) : max(self.columns - left, 0)
-        ]
-        full[rows, columns] = there
-        return full
-
-
-@dataclass(frozen=True, eq=False)
 class _Update:
     """Map, and the building in its present state.
 
@@ -178,9 +126,9 @@ class _Update:
     context: LayerContext
     scanner: RangeScanner
     spacing: float
-    before: _Frame
-    after: _Frame
-    frame: _Frame
+    before: Frame
+    after: Frame
+    frame: Frame
     changes: Changes
 
     @classmethod
@@ -191,8 +139,8 @@ class _Update:
         # It refuses a map without.
         context = LayerContext.of(amap, env, scanner)
         spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
-        before = _Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
-        after = _Frame.of(*Lattice.axes(env, spacing), spacing)
+        before = Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
+        after = Frame.of(*Lattice.axes(env, spacing), spacing)
         body = context.model.robot_radius > 0.0
         return cls(
             amap,
@@ -206,6 +154,11 @@ class _Update:
             before.around(after),
             Changes.between(old, env, body),
         )
+
+    @functools.cached_property
+    def seen(self) -> SeenChanges:
+        """The changes as the scanner sees them."""
+        return SeenChanges(self.old, self.env, self.changes, self.context)
 
     @property
     def theta(self) -> NDArray[np.float64] | None:
@@ -321,8 +274,7 @@ class _Update:
         if not len(changes.edges):
             return stale
         free = possible.any(axis=2)
-        rays = self.rays()
-        reach = float((np.hypot(rays.x, rays.y) + rays.reach).max()) + SLACK
+        reach = self.seen.reach + SLACK
         in_reach = np.zeros_like(stale)
         for box in self.boxes(reach):
             in_reach[_cells(box, x, y)] = True
@@ -336,34 +288,8 @@ class _Update:
             xs, ys = np.meshgrid(x[columns], y[rows])
             stale[rows, columns] |= shapely.dwithin(edges, shapely.points(xs, ys), near)
         row, column = np.nonzero(in_reach & free & ~stale)
-        if self.env.space is not None:
-            stale[row, column] = self.scans_differ(x[column], y[row])
-            return stale
-        for env, lines in ((self.old, changes.removed), (self.env, changes.added)):
-            stale[row, column] |= sees(env.grid, lines, x[column], y[row], rays)
+        stale[row, column] = self.seen.by(x[column], y[row])
         return stale
-
-    def scans_differ(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
-        """Return at which poses, shape (N,), a beam returns something else than before."""
-        scanner, table, headings = self.context.scanner, self.context.table, self.context.headings
-        step = max(SCANNED // (len(headings) * len(table.limit)), 1)
-        differ = np.empty(len(x), dtype=np.bool_)
-        for low in range(0, len(x), step):
-            part = slice(low, low + step)
-            returns = np.empty((2, len(headings), len(x[part]), 5, len(table.limit)), np.float32)
-            for env, data in zip((self.old, self.env), returns, strict=True):
-                panorama_returns(env, scanner, table, x[part], y[part], headings, data)
-            differ[part] = (returns[0] != returns[1]).any(axis=(0, 2, 3))
-        return differ
-
-    def rays(self) -> SightRays:
-        """Return the rays of the beams at all headings."""
-        scanner = self.context.scanner
-        rays, table = scanner.rays(), self.context.table
-        limit = table.limit[: table.beams].astype(np.float64) + BEYOND
-        reach = np.repeat(limit, np.diff(rays.start))
-        x, y = rays.origin.T
-        return SightRays(x, y, rays.angle, reach).turned(self.context.headings)
 
     def window(self, box: Box, margin: float) -> Environment | None:
         """Return the building in a box with a margin, metres; None where no free space is."""

@@ -1,0 +1,105 @@
+"""Poses whose scans a change of the building affects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.changes import Changes, changed_faces, comparable
+from ambinav.ambiguity.returns import BEYOND, panorama_returns
+from ambinav.ambiguity.sight import GRAZE, SightRays, sees
+from ambinav.ambiguity.sight_in_space import sees_in_space
+from ambinav.casting.prisms.prisms import Prisms
+from ambinav.geometry.environment import Environment
+from ambinav.layers.context import LayerContext
+
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+# One in so many poses tells how large the share is that sees a change. Where it is larger than this
+# the others are not asked; the second is of meshes, where each is cast twice.
+SAMPLED = 17
+MOST_SEEING = 0.8
+MOST_DIFFERING = 0.25
+# Beams of poses in a mesh whose returns are compared at a time.
+SCANNED = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class SeenChanges:
+    """Changes of a building as a scanner sees them.
+
+    Attributes:
+        old: The building before.
+        new: The building now.
+        changes: Between the two.
+        context: Scanner, headings and parameters of the map.
+    """
+
+    old: Environment
+    new: Environment
+    changes: Changes
+    context: LayerContext
+
+    @cached_property
+    def rays(self) -> SightRays:
+        """Rays of the beams at all headings."""
+        rays = self.context.scanner.rays(self.new.space is not None)
+        x, y = rays.origin.T
+        return SightRays(x, y, rays.angle, self._reach).turned(self.context.headings)
+
+    @property
+    def reach(self) -> float:
+        """Distance from the robot within which a change is seen, metres."""
+        return float((np.hypot(self.rays.x, self.rays.y) + self.rays.reach).max())
+
+    def by(self, x: Floats, y: Floats) -> Mask:
+        """Return which poses within reach, shape (N,), may see a change; in doubt they do."""
+        asked, most = self._in_plane, MOST_SEEING
+        if self.new.space is not None:
+            asked = self._in_prisms
+            if not comparable(self.old.space, self.new.space):
+                asked, most = self._by_scans, MOST_DIFFERING
+        # Where most poses see the change, to ask all of them takes longer than it saves.
+        if len(x) > SAMPLED and asked(x[::SAMPLED], y[::SAMPLED]).mean() > most:
+            return np.ones(len(x), dtype=np.bool_)
+        return asked(x, y)
+
+    @property
+    def _reach(self) -> Floats:
+        """Range of each ray of the beams, metres, shape (R,)."""
+        rays, table = self.context.scanner.rays(self.new.space is not None), self.context.table
+        limit = table.limit[: table.beams].astype(np.float64) + BEYOND
+        return np.repeat(limit, np.diff(rays.start))
+
+    def _in_plane(self, x: Floats, y: Floats) -> Mask:
+        """Return at which poses a ray meets a new wall, or met one that is gone."""
+        seen = sees(self.old.grid, self.changes.removed, x, y, self.rays)
+        return seen | sees(self.new.grid, self.changes.added, x, y, self.rays)
+
+    def _in_prisms(self, x: Floats, y: Floats) -> Mask:
+        old, new = self.old.space, self.new.space
+        assert isinstance(old, Prisms) and isinstance(new, Prisms)
+        rays, headings = self.context.scanner.rays(in_space=True), self.context.headings
+        seen = np.zeros(len(x), dtype=np.bool_)
+        for env, prisms, faces in zip(
+            (self.old, self.new), (old, new), changed_faces(old, new, GRAZE), strict=True
+        ):
+            seen |= sees_in_space(prisms, env.floor, faces, x, y, headings, rays, self._reach)
+        return seen
+
+    def _by_scans(self, x: Floats, y: Floats) -> Mask:
+        """Return at which poses a beam returns something else than before."""
+        scanner, table, headings = self.context.scanner, self.context.table, self.context.headings
+        step = max(SCANNED // (len(headings) * len(table.limit)), 1)
+        differ = np.empty(len(x), dtype=np.bool_)
+        for low in range(0, len(x), step):
+            part = slice(low, low + step)
+            returns = np.empty((2, len(headings), len(x[part]), 5, len(table.limit)), np.float32)
+            for env, data in zip((self.old, self.new), returns, strict=True):
+                panorama_returns(env, scanner, table, x[part], y[part], headings, data)
+            differ[part] = (returns[0] != returns[1]).any(axis=(0, 2, 3))
+        return differ
