@@ -6,7 +6,8 @@ pulls in no optional package.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from ambinav.maps import updater
 from ambinav.runtime.exports import exports
@@ -107,11 +108,13 @@ else:
     __all__, __getattr__, __dir__ = exports(__name__)
 
 
-def _update(amap: AmbiguityMap, env: Environment, **options: Any) -> AmbiguityMap:
+def _update(
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+) -> AmbiguityMap:
     # Imported late: it loads the kernels.
     from ambinav.map_building.update import updated
 
-    return updated(amap, env, **options)
+    return updated(amap, env, progress=progress)
 
 
 updater.install(_update)

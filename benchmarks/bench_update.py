@@ -58,7 +58,7 @@ def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, f
 
 def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
     """Return the map with the wall."""
-    return amap.update(env.edited([wall]), before=env)
+    return amap.update(env.edited([wall]))
 
 
 def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:

@@ -18,6 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.casting.packed import packed
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import solid_cells
@@ -195,6 +196,10 @@ def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataAr
             "outline of the free space as well-known binary", "m",
         ),
     }  # fmt: skip
+    space = lattice.environment.space
+    kept = None if space is None else packed(space)
+    if kept is not None:
+        known["space"] = (kept, ("space_byte",), "walls and solids in space as an .npz file", "m")
     drivable = lattice.environment.drivable
     if drivable is not None:
         title = "outline of the space without occupied cells as well-known binary"
@@ -284,6 +289,7 @@ def _provenance(
         "frame": "map",
         "units": "metres, radians",
         "environment_space": "" if env.space is None else env.space.checksum,
+        "environment_floor": json.dumps(env.floor),
         "environment_resolution": json.dumps(env.resolution),
         "collision": "floor" if env.drivable is None else "drivable",
         "environment_extent": json.dumps(

@@ -85,13 +85,21 @@ def edited_space(
 
 
 def top_of(space: SpaceCaster) -> float:
-    """Return the greatest z of a building, metres: its ceiling, or what reaches highest."""
+    """Return the greatest z of a building, metres: its ceiling, or what reaches highest.
+
+    Raises:
+        InputError: it is neither prisms nor a mesh.
+    """
     if isinstance(space, Mesh):
         return float(space.bounds[1, 2])
     if isinstance(space, Prisms):
         return float(space.wall_z.max()) if math.isinf(space.ceiling) else space.ceiling
     # Asked for its surfaces, a space that was not kept says so itself.
-    return float(len(space.surface_kind))
+    count = len(space.surface_kind)
+    raise InputError(
+        f"the building in space is a {type(space).__name__} of {count} surfaces, whose height is "
+        "not known; give prisms or a mesh."
+    )
 
 
 def bodies_of(

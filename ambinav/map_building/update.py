@@ -58,18 +58,13 @@ MOST_BOXES = 8
 
 
 def updated(
-    amap: AmbiguityMap,
-    env: Environment,
-    *,
-    before: Environment | None = None,
-    progress: bool | Callable[[float], None] = False,
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
 ) -> AmbiguityMap:
     """Return the map `build_map` makes of `env` with the settings of `amap`.
 
     Args:
         amap: A map.
         env: The building as it is now, see `Environment.edited`.
-        before: As `AmbiguityMap.update` takes it.
         progress: As `build_map` takes it.
 
     Returns:
@@ -77,30 +72,17 @@ def updated(
 
     Raises:
         InputError: the map does not say how it was made, or was made by another version; or the
-            robot can stand nowhere in `env`; or in space `before` is not the map's building.
+            robot can stand nowhere in `env`; or one of the two is in space and one is a plan.
     """
-    old = _mapped(amap, env, before)
-    with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
-        return _Update.of(amap, old, env).run(report)
-
-
-def _mapped(amap: AmbiguityMap, env: Environment, before: Environment | None) -> Environment:
-    """Return the building of a map, with what rays meet; see `updated`."""
-    kept = amap.environment
-    if (kept.space is None) != (env.space is None):
-        kinds = ["a plan" if part.space is None else "in space" for part in (kept, env)]
+    old = amap.environment
+    if (old.space is None) != (env.space is None):
+        kinds = ["a plan" if part.space is None else "in space" for part in (env, old)]
         raise InputError(
-            f"{env.name}: it is {kinds[1]}, and the building of the map is {kinds[0]}; make a new "
+            f"{env.name}: it is {kinds[0]}, and the building of the map is {kinds[1]}; make a new "
             "map with build_map."
         )
-    if kept.space is None:
-        return kept
-    if before is None or before.space is None or before.space.checksum != kept.space.checksum:
-        raise InputError(
-            f"{env.name}: the map does not keep its building in space, and what has changed is not "
-            "known; give the building of the map: amap.update(env, before=building)."
-        )
-    return before
+    with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
+        return _Update.of(amap, env).run(report)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +91,6 @@ class _Update:
 
     Attributes:
         amap: The map.
-        old: The building of the map.
         env: The building.
         context: Scanner, headings and parameters of the map.
         scanner: The scanner as it was given.
@@ -121,7 +102,6 @@ class _Update:
     """
 
     amap: AmbiguityMap
-    old: Environment
     env: Environment
     context: LayerContext
     scanner: RangeScanner
@@ -132,7 +112,7 @@ class _Update:
     changes: Changes
 
     @classmethod
-    def of(cls, amap: AmbiguityMap, old: Environment, env: Environment) -> _Update:
+    def of(cls, amap: AmbiguityMap, env: Environment) -> _Update:
         """Compare the building with that of the map."""
         text = amap.dataset.attrs.get("scanner_yaml")
         scanner = None if text is None else _scanner_of(text)
@@ -144,7 +124,6 @@ class _Update:
         body = context.model.robot_radius > 0.0
         return cls(
             amap,
-            old,
             env,
             context,
             scanner or context.scanner,
@@ -152,13 +131,13 @@ class _Update:
             before,
             after,
             before.around(after),
-            Changes.between(old, env, body),
+            Changes.between(amap.environment, env, body),
         )
 
     @functools.cached_property
     def seen(self) -> SeenChanges:
         """The changes as the scanner sees them."""
-        return SeenChanges(self.old, self.env, self.changes, self.context)
+        return SeenChanges(self.amap.environment, self.env, self.changes, self.context)
 
     @property
     def theta(self) -> NDArray[np.float64] | None:
@@ -226,7 +205,7 @@ class _Update:
 
     def judge(self) -> FloorJudge:
         """Return the judge of the floor, recomputed only where room for a body changed."""
-        old, changes = self.old, self.changes
+        old, changes = self.amap.environment, self.changes
         if old.drivable is not None or self.env.drivable is not None:
             changes = Changes.between(old, self.env, True)
         judge = self.amap.judge

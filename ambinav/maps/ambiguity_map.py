@@ -115,11 +115,7 @@ class AmbiguityMap:
         store.write(self.dataset, Address.of(path, storage_options))
 
     def update(
-        self,
-        env: Environment,
-        *,
-        before: Environment | None = None,
-        progress: bool | Callable[[float], None] = False,
+        self, env: Environment, *, progress: bool | Callable[[float], None] = False
     ) -> AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
@@ -128,8 +124,6 @@ class AmbiguityMap:
 
         Args:
             env: The building, see `Environment.edited`.
-            before: The building of this map, if it is in space: of that a map keeps the floor
-                alone. Of a plan it is known.
             progress: True for a progress bar on standard error, or a function that is called with
                 the share done, from 0 to 1.
 
@@ -138,9 +132,9 @@ class AmbiguityMap:
 
         Raises:
             InputError: the map lacks its parameters, or was made by another version; or the robot
-                fits nowhere in `env`; or in space `before` is missing or another building.
+                fits nowhere in `env`; or one of the two buildings is in space and one is a plan.
         """
-        changed: AmbiguityMap = updater.installed()(self, env, before=before, progress=progress)
+        changed: AmbiguityMap = updater.installed()(self, env, progress=progress)
         return changed
 
     @property
@@ -187,8 +181,7 @@ class AmbiguityMap:
         """Building that the map was computed from, as far as a robot can reach it.
 
         In an old map of an occupancy grid without its occupied cells, planning is not possible:
-        `collision` raises an InputError. In a map that was made in space only the floor is known:
-        scans raise one.
+        `collision` raises an InputError.
 
         Raises:
             InputError: the outline of the free space cannot be read.

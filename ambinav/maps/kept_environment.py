@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.casting.space import Scans, SpaceRays
+from ambinav.casting.packed import unpacked
+from ambinav.casting.space import Scans, SpaceCaster, SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.runtime.errors import InputError
@@ -27,16 +29,16 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
     Returns:
         Of a map that was made from an occupancy grid before occupied cells were kept, one that can
         be looked at but not planned in: its `collision` raises an InputError. Of a map that was
-        made in space the floor is known alone: scans raise one.
+        made in space by a caster that is neither prisms nor a mesh the floor is known alone: scans
+        raise one.
 
     Raises:
-        InputError: the outline of the free space cannot be read.
+        InputError: the outline of the free space, or the building in space, cannot be read.
     """
     attrs = dataset.attrs
     file, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
     on_grid = Path(file).suffix.lower() in ("", ".yaml", ".yml")
     corners = json.loads(attrs.get("environment_extent", "[]"))
-    space = str(attrs.get("environment_space", ""))
     made = (_WithoutCells if kept is None and on_grid else Environment)(
         Segments(dataset["segments"].values, dataset["segment_kind"].values),
         _outline(dataset, "floor", "free space", source),
@@ -49,7 +51,8 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         drivable=(
             _outline(dataset, "drivable", "drivable space", source) if kept == "drivable" else None
         ),
-        space=_LostSpace(source, space) if space else None,
+        space=_space(dataset, source),
+        floor=json.loads(attrs.get("environment_floor", "0.0")),
     )
     if isinstance(made, _WithoutCells):
         made.map_file = source
@@ -72,6 +75,26 @@ class _WithoutCells(Environment):
             f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
             "it is not known where a robot fits; make the map again with `ambinav map`."
         )
+
+
+def _space(dataset: xr.Dataset, source: str) -> SpaceCaster | None:
+    """Return what rays meet in a map that was made in space; None of one that was made in a plan.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    checksum = str(dataset.attrs.get("environment_space", ""))
+    if not checksum:
+        return None
+    if "space" not in dataset:
+        return _LostSpace(source, checksum)
+    try:
+        return unpacked(dataset["space"].values)
+    except (ValueError, KeyError, OSError, zipfile.BadZipFile, InputError) as error:
+        raise InputError(
+            f"{source}: space, the building in space, cannot be read ({error}); make the map again "
+            "with `ambinav map`."
+        ) from error
 
 
 class _LostSpace:

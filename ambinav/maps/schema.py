@@ -19,7 +19,18 @@ REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
 REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
 CORE: Final = frozenset(
-    {*CORE_LAYERS, "segments", "segment_kind", "floor", "drivable", "solid", "x", "y", "theta"}
+    {
+        *CORE_LAYERS,
+        "segments",
+        "segment_kind",
+        "floor",
+        "drivable",
+        "space",
+        "solid",
+        "x",
+        "y",
+        "theta",
+    }
 ) - {"clearance"}
 """Names of what every map is made of: no layer that is added may take one. `clearance` may be
 asked for as a layer too, and is the same."""

@@ -20,6 +20,7 @@ from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import REFLECTOR, Segments
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer
@@ -313,17 +314,39 @@ def test_what_is_known_of_plans_alone() -> None:
         MonteCarloLocalizer(plan, LIDAR, rng=np.random.default_rng(0))
 
 
-def test_a_stored_map_does_not_pass_for_a_plan(tmp_path: Path) -> None:
-    env = tall(scenes.room(6.0, 4.0))
+@pytest.mark.parametrize("which", ["prisms", "mesh", "extruded"])
+def test_a_stored_map_keeps_its_building(which: str, tmp_path: Path) -> None:
+    prisms, mesh = furnished()
+    env = {"prisms": prisms, "mesh": mesh, "extruded": tall(scenes.room(6.0, 4.0))}[which]
+    env = env.in_space(env.space, 0.05)
     build_map(env, LASER, spacing=0.5, store=False).save(tmp_path / "room.zarr")
-    amap = AmbiguityMap.open(tmp_path / "room.zarr")
+    kept = AmbiguityMap.open(tmp_path / "room.zarr").environment
+    assert kept.floor == 0.05
+    assert kept.space is not None and env.space is not None
+    assert kept.space.checksum == env.space.checksum
+    poses = np.random.default_rng(1).uniform((0.3, 0.3, -3), (5.7, 3.7, 3), (100, 3)).T
+    assert np.array_equal(LIDAR.scan(kept, *poses), LIDAR.scan(env, *poses), equal_nan=True)
+    assert repr(kept.space) == repr(env.space)
+
+
+def test_a_map_without_its_building_does_not_pass_for_a_plan() -> None:
+    """Of a building in space of another class, or cut off."""
+    env = tall(scenes.room(6.0, 4.0))
+    data = build_map(env, LASER, spacing=0.5, store=False).dataset
+    amap = AmbiguityMap(data.drop_vars("space"), source="room.zarr")
     assert amap.environment.is_free(1.0, 1.0)
     with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
         LASER.scan(amap.environment, 1.0, 1.0, 0.0)
     with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
         ExtendedKalmanFilter(amap.environment, LASER)
-    with pytest.raises(InputError, match="the map does not keep its building in space"):
-        amap.update(env)
+    with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
+        amap.update(env.edited([Obstacle.post(2.0, 2.0, 0.1)]))
+    with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
+        amap.environment.edited([Obstacle.post(2.0, 2.0, 0.1)])
+    half = data["space"].values[: len(data["space"]) // 2]
+    broken = data.drop_vars("space").assign(space=("space_byte", half))
+    with pytest.raises(InputError, match=r"space, the building in space, cannot be read"):
+        AmbiguityMap(broken, source="room.zarr").environment  # noqa: B018
 
 
 def test_stored_maps_are_told_apart_by_what_stands_in_space() -> None:

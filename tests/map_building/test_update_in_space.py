@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_an_update_is_a_whole_build(which: int, scanner: an.RangeScanner) -> Non
     for seed in range(5):
         now = changed(env, seed)
         # The axis of nearly round radii is left to rounding.
-        assert_same(amap.update(now, before=env), built(now, scanner), 1e-5)
+        assert_same(amap.update(now), built(now, scanner), 1e-5)
 
 
 def test_only_heights_that_scans_see_are_computed_again() -> None:
@@ -64,7 +65,7 @@ def test_only_heights_that_scans_see_are_computed_again() -> None:
     post = Obstacle.post(3.0, 2.0, 0.2)
     low, high = (room.edited([post.between(0.0, top)]) for top in (0.3, 0.5))
     amap = built(low, FLAT)
-    grown = amap.update(high, before=low)
+    grown = amap.update(high)
     assert_same(grown, built(high, FLAT))
     differ = np.nan_to_num(grown.dataset["ambiguity"].values - amap.dataset["ambiguity"].values)
     assert np.abs(differ).max() > 1e-3
@@ -76,20 +77,29 @@ def test_a_tag_is_seen_by_a_scanner_at_its_height() -> None:
     tag = Obstacle.wall([(1.5, 0.0), (2.1, 0.0)], reflective=True)
     amap = built(room, BRIGHT)
     seen, above = (room.edited([tag.between(low, low + 0.3)]) for low in (0.3, 1.0))
-    assert_same(amap.update(seen, before=room), built(seen, BRIGHT))
-    levels = [
-        amap.update(env, before=room).dataset["ambiguity"].values for env in (above, room, seen)
-    ]
+    assert_same(amap.update(seen), built(seen, BRIGHT))
+    levels = [amap.update(env).dataset["ambiguity"].values for env in (above, room, seen)]
     np.testing.assert_array_equal(levels[0], levels[1])
     assert np.nanmean(levels[2]) < np.nanmean(levels[1])
 
 
-def test_the_building_of_the_map_must_be_given() -> None:
-    env, mesh = furnished()
+def test_a_plan_is_no_change_of_a_building_in_space(tmp_path: Path) -> None:
+    env = furnished()[0]
     amap = built(env, FLAT)
-    now = changed(env, 0)
-    for before in (None, mesh, env.plan, now):
-        with pytest.raises(InputError, match=r"give the building of the map: amap\.update"):
-            amap.update(now, before=before)
     with pytest.raises(InputError, match="it is a plan, and the building of the map is in space"):
-        amap.update(env.plan, before=env)
+        amap.update(env.plan)
+    with pytest.raises(InputError, match="it is in space, and the building of the map is a plan"):
+        an.build_map(env.plan, FLAT, 0.25, 0.4, store=False).update(env)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
+def test_an_opened_map_is_updated_like_the_one_saved(which: int, tmp_path: Path) -> None:
+    env = furnished()[which]
+    env = env.in_space(env.space, 0.0)
+    amap = built(env, FLAT)
+    amap.save(tmp_path / "room.zarr")
+    opened = an.AmbiguityMap.open(tmp_path / "room.zarr")
+    assert opened.environment.space is not None and env.space is not None
+    assert opened.environment.space.checksum == env.space.checksum
+    now = changed(opened.environment, 0)
+    assert_same(opened.update(now), amap.update(changed(env, 0)), 1e-5)

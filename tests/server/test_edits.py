@@ -87,6 +87,28 @@ def test_an_edited_map_is_the_update_and_the_original_stays(
 
 
 @pytest.mark.slow
+def test_a_building_in_space_is_edited_with_heights(serve: Callable[..., Live]) -> None:
+    """A post that the scanner looks over, and one that it sees."""
+    plan = an.environment_from_shapes([shapely.box(0, 0, 8, 6)], name="hall")
+    building = plan.in_space(an.extruded(plan, 2.5))
+    sensor = an.RangeSensor(max_range=2.5, std=0.03, resolution=0.001)
+    scanner = an.RangeScanner.planar(sensor, 40, math.tau, (0.0, 0.0, 0.003)).raised(0.3)
+    amap = an.build_map(building, scanner, spacing=0.25, store=False)
+    live, better = serve([amap]), []
+    for top in (0.2, 1.0):
+        drawn = DrawnObstacle("post", ((4.0, 3.0),), radius=0.15, top=top)
+        answer = live.http.post("/v1/maps/hall/edits", json=collection([drawn]))
+        assert answer.status_code == 200, answer.text
+        edit = answer.json()
+        better.append(edit["bad_before_m2"] - edit["bad_after_m2"])
+        expected = amap.update(building.edited([drawn.obstacle]))
+        served = live.context.maps.get(edit["id"]).amap
+        level = [m.dataset["level"].values for m in (served, expected)]
+        np.testing.assert_array_equal(*level)
+    assert better[1] > better[0] + 1.0
+
+
+@pytest.mark.slow
 def test_the_answer_compares_zones(
     edited: dict[str, Any], corridor: an.AmbiguityMap, direct: an.AmbiguityMap
 ) -> None:

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import shapely
 
+import ambinav as an
 from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.server.http.app import create_app
 from tests.server.axe import violations
@@ -316,3 +318,35 @@ def at_middle(page: Any, right: float) -> tuple[float, float]:
     """Pixels so far to the right of the middle of the map."""
     box = page.locator(".map").bounding_box()
     return box["x"] + 0.5 * box["width"] + right, box["y"] + 0.5 * box["height"]
+
+
+def test_in_space_obstacles_have_heights(chromium: Any) -> None:
+    """By numbers, moved with the pointer, saved and opened again; in a plan nobody is asked."""
+    plan = an.environment_from_shapes([shapely.box(0, 0, 8, 6)], name="hall")
+    scanner = an.RangeScanner.from_preset("turtlebot3-lds").raised(0.2)
+    building = plan.in_space(an.extruded(plan, 2.5))
+    maps = [an.build_map(env, scanner, 0.25, store=False) for env in (building, plan)]
+    maps[1].dataset.attrs["environment"] = "flat"
+    with running(create_app(maps)) as live:
+        page = visit(chromium, f"{live.url}/?map=hall")
+        page.get_by_role("tab", name="Edit").click()
+        page.locator(".numbers select").select_option(label="Post")
+        for name, value in (("x", "4"), ("y", "3"), ("top", "1.2")):
+            number(page, name).fill(value)
+        page.get_by_role("button", name="Add").click()
+        shown(page, 1)
+        entry = page.locator(".obstacle-entry").inner_text().replace("\xa0", " ")
+        assert "0.00 m to 1.20 m above the floor" in entry
+        tool(page, "Move")
+        with page.expect_response(lambda answer: "/edits?session=" in answer.url) as answered:
+            drag(page, at(page, 4.0, 3.0), at(page, 5.0, 3.0))
+        shown(page, 1)
+        properties = json.loads(answered.value.request.post_data)["features"][0]["properties"]
+        assert properties == {"kind": "post", "radius": 0.15, "bottom": 0, "top": 1.2}
+        assert page.faults == []
+        page.context.close()
+        flat = visit(chromium, f"{live.url}/?map=flat")
+        flat.get_by_role("tab", name="Edit").click()
+        assert number(flat, "x").is_visible()
+        assert not number(flat, "top").is_visible()
+        flat.context.close()

@@ -50,6 +50,7 @@ def map_info(served: ServedMap) -> MapInfo:
         environment=str(amap.dataset.attrs["environment"]),
         scanner=str(amap.dataset.attrs["scanner"]),
         bounds=amap.bounds,
+        in_space=bool(amap.dataset.attrs.get("environment_space")),
         spacing=amap.spacing,
         shape=(ny, nx),
         headings=amap.dataset.sizes["theta"] if amap.has_theta else None,

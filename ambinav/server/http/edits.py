@@ -76,6 +76,18 @@ class ObstacleProperties(_GeoJsonPart):
     thickness: float | None = Field(
         None, ge=0.0, le=THICKEST, description="Thickness of a LineString, metres; null: 0"
     )
+    bottom: float | None = Field(
+        None,
+        ge=0.0,
+        le=THICKEST,
+        description="Height of the lower edge above the floor, metres, in space; null: 0",
+    )
+    top: float | None = Field(
+        None,
+        gt=0.0,
+        le=THICKEST,
+        description="Height of the upper edge, metres, in space; null: that of the building",
+    )
 
 
 class ObstacleFeature(_GeoJsonPart):

@@ -38,6 +38,7 @@ class MapInfo(BaseModel):
     bounds: tuple[float, float, float, float] = Field(
         description="x0, y0, x1, y1: outer edges of the lattice, metres"
     )
+    in_space: bool = Field(description="Whether the building, and obstacles in it, have heights")
     spacing: float = Field(description="Distance between cell centres, metres")
     shape: tuple[int, int] = Field(description="Rows (along y) and columns (along x)")
     headings: int | None = Field(

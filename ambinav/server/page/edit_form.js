@@ -15,6 +15,7 @@ export class EditForm {
     this.fields = {
       x: field("x", "m", null, null), y: field("y", "m", null, null), length: field("Length", "m", "2", 0.01), angle: field("Angle", "°", "0", null),
       thickness: field("Thickness", "m", null, 0), radius: field("Radius", "m", null, 0.005),
+      bottom: field("Bottom", "m above the floor", "0", 0), top: field("Top", "m, empty: ceiling", null, 0),
     };
     this.kind = h("select", { "aria-label": "Kind of obstacle", onchange: () => this.#sizes() }, CHOICES.map(([, title], i) => h("option", { value: i }, title)));
     this.button = h("button", { type: "submit" });
@@ -25,6 +26,7 @@ export class EditForm {
     fill(element, h("legend", {}, "By numbers"), h("p", { class: "soft" }, "x and y are the middle; the angle is counter-clockwise from x."), this.form);
     this.#sizes();
     store.watch(["picked", "obstacles"], () => this.#show());
+    store.watch(["map"], () => this.#ask(this.#choice[2]));
   }
 
   get #choice() {
@@ -41,10 +43,12 @@ export class EditForm {
 
   /** Ask for what a kind has. */
   #ask(straight) {
+    const inSpace = Boolean(this.store.get("map")?.in_space);
     for (const [name, { line, input }] of Object.entries(this.fields)) {
-      const asked = ["x", "y"].includes(name) || straight === (name !== "radius");
+      const high = name === "bottom" || name === "top";
+      const asked = high ? inSpace : ["x", "y"].includes(name) || straight === (name !== "radius");
       line.hidden = !asked;
-      input.required = asked;
+      input.required = asked && !high;
       input.disabled = !asked;
     }
   }
@@ -62,6 +66,8 @@ export class EditForm {
     const { length, angle } = extent(one);
     const values = { x, y, length, angle: (angle * 180) / Math.PI, thickness: one.thickness, radius: one.radius };
     for (const [name, value] of Object.entries(values)) this.fields[name].input.value = Number(value.toFixed(3));
+    this.fields.bottom.input.value = one.bottom ?? 0;
+    this.fields.top.input.value = one.top ?? "";
     // One with more corners can be moved alone.
     for (const name of ["length", "angle"]) this.fields[name].input.disabled ||= one.points.length > 2;
   }
@@ -73,10 +79,13 @@ export class EditForm {
     const at = [value.x, value.y];
     const old = obstacles[picked ?? -1];
     const [x, y] = old ? middle(old) : at;
-    const one = old?.points.length > 2
+    const shape = old?.points.length > 2
       ? { ...moved(old, at[0] - x, at[1] - y), thickness: value.thickness }
       : straight ? { ...make(kind, ends(at, value.length, (value.angle * Math.PI) / 180)), thickness: value.thickness }
       : { ...make(kind, [at]), radius: value.radius };
+    const { top, bottom } = this.fields;
+    const high = top.input.disabled ? {} : { bottom: value.bottom, top: top.input.value === "" ? null : value.top };
+    const one = { ...shape, ...high };
     if (old) this.obstacles.change(picked, one);
     else this.obstacles.add(one);
   }

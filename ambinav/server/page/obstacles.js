@@ -58,21 +58,28 @@ export function rings({ points, radius, thickness }) {
 export function text(one) {
   const { title } = KINDS[one.kind];
   const [x, y] = middle(one);
-  const at = `at ${metres(x)}, ${metres(y)}`;
+  const at = `at ${metres(x)}, ${metres(y)}${heights(one)}`;
   if (one.points.length === 1) return `${title}, radius ${metres(one.radius, 2)}, ${at}`;
   const { length, angle } = extent(one);
   return `${title}, ${metres(length)} at ${axis(angle)}, ${at}`;
+}
+
+/** Heights above the floor, of one that has any. */
+function heights({ bottom = 0, top = null }) {
+  if (top === null) return bottom ? `, from ${metres(bottom, 2)} up` : "";
+  return `, ${metres(bottom, 2)} to ${metres(top, 2)} above the floor`;
 }
 
 const rounded = (value) => Math.round(value * 1e4) / 1e4;
 
 /** A FeatureCollection, as the service and `ambinav design place` take it. */
 export function collectionOf(obstacles) {
-  const feature = ({ kind, points, radius, thickness }) => {
+  const feature = ({ kind, points, radius, thickness, bottom = 0, top = null }) => {
     const corners = points.map((point) => point.map(rounded));
+    const high = bottom || top !== null ? { bottom, top } : {};
     return points.length === 1
-      ? { type: "Feature", properties: { kind, radius: rounded(radius) }, geometry: { type: "Point", coordinates: corners[0] } }
-      : { type: "Feature", properties: { kind, thickness: rounded(thickness) }, geometry: { type: "LineString", coordinates: corners } };
+      ? { type: "Feature", properties: { kind, radius: rounded(radius), ...high }, geometry: { type: "Point", coordinates: corners[0] } }
+      : { type: "Feature", properties: { kind, thickness: rounded(thickness), ...high }, geometry: { type: "LineString", coordinates: corners } };
   };
   return { type: "FeatureCollection", features: obstacles.map(feature) };
 }
@@ -85,7 +92,7 @@ export function obstaclesOf(document) {
     const points = geometry?.type === "Point" ? [geometry.coordinates] : geometry?.coordinates;
     const isPoint = (point) => Array.isArray(point) && point.length > 1 && point.slice(0, 2).every(Number.isFinite);
     if (!KINDS[kind] || !Array.isArray(points) || !points.every(isPoint)) throw new Error(`Obstacle ${i + 1} of the file is none.`);
-    const known = make(kind, points.map(([x, y]) => [x, y]));
+    const known = { ...make(kind, points.map(([x, y]) => [x, y])), bottom: properties.bottom ?? 0, top: properties.top ?? null };
     return points.length > 1 ? { ...known, thickness: properties.thickness ?? 0 } : { ...known, radius: properties.radius ?? known.radius };
   });
 }

@@ -16,7 +16,7 @@ from ambinav.reports.pages import cell
 _PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
 _FILE: Final = ("environment", "environment_sha256")
 """Attributes that name the file of a building."""
-_BUILDING: Final = frozenset({"segments", "segment_kind", "floor", "drivable"})
+_BUILDING: Final = frozenset({"segments", "segment_kind", "floor", "drivable", "space"})
 """Variables that hold the building: walls and outlines."""
 _JSON: Final = ("environment_resolution", "parameters", "versions")
 _RESULTS: Final = frozenset({"parameters.free_poses"})

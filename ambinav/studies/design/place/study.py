@@ -89,7 +89,7 @@ class Remedy:
     @cached_property
     def after(self) -> AmbiguityMap:
         """Map of the building with the obstacles."""
-        return self.amap.update(self.edited(), before=self.environment)
+        return self.amap.update(self.edited())
 
     def edited(self, count: int | None = None) -> Environment:
         """Return the building with the first `count` obstacles; None: with all."""
