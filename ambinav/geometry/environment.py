@@ -18,8 +18,8 @@ from ambinav.casting.plane.anywhere import cast_anywhere
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
-from ambinav.casting.scans import plane_only
 from ambinav.casting.space import SpaceCaster
+from ambinav.casting.turned import turned
 from ambinav.config import as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
@@ -342,9 +342,8 @@ class Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres.
 
         Raises:
-            InputError: it is a building in space.
+            InputError: see `casting.turned`.
         """
-        plane_only(self, "a turned building")
         drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
@@ -357,6 +356,8 @@ class Environment:
             extent=None if self.extent is None else moved(self.extent, angle, dx, dy),
             occupancy=None if self.occupancy is None else self.occupancy.transformed(angle, dx, dy),
             drivable=None if drivable is None else moved(drivable, angle, dx, dy),
+            space=None if self.space is None else turned(self.space, angle, dx, dy),
+            floor=self.floor,
         )
 
     def window(
