@@ -1,7 +1,7 @@
 """Maps of a changed building: `AmbiguityMap.update` against a whole build, time and values.
 
-Walls of 2 m are put at random on the floor, and one in the middle of the widest room. Timed are the
-edit and the update together, and a build of the same changed building, each with nothing prepared
+Walls of 2 m are put at random on the floor, one in the middle of the widest room, and in the end
+posts all over it, all at once. Timed are the edit and the update together, and a build of the same changed building, each with nothing prepared
 but the map before; every layer of the two maps is compared. Processor time is that of all threads.
 """
 
@@ -56,9 +56,21 @@ def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, f
     return amap, time.perf_counter() - start, now.user + now.system - used.user - used.system
 
 
-def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
-    """Return the map with the wall."""
-    return amap.update(env.edited([wall]))
+def random_posts(env: an.Environment, count: int, rng: np.random.Generator) -> list[Obstacle]:
+    """Draw posts of 0.2 m in the free space."""
+    posts: list[Obstacle] = []
+    while len(posts) < count:
+        x, y = rng.uniform(env.bounds[:2], env.bounds[2:]).tolist()
+        if env.is_free(x, y, 0.6):
+            posts.append(Obstacle.post(x, y, 0.2))
+    return posts
+
+
+def edited_map(
+    amap: an.AmbiguityMap, env: an.Environment, added: list[Obstacle]
+) -> an.AmbiguityMap:
+    """Return the map with obstacles."""
+    return amap.update(env.edited(added))
 
 
 def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
@@ -82,7 +94,7 @@ def building_and_scanner(
 
 
 def rows_of(
-    path: str, name: str, walls: int, repeats: int, seed: int, extrude: float
+    path: str, name: str, walls: int, posts: int, repeats: int, seed: int, extrude: float
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
     """Return a scanner's line of the summary, and one line for each wall."""
     env, scanner = building_and_scanner(an.load_environment(path), name, extrude)
@@ -90,23 +102,27 @@ def rows_of(
     cells = int((first.dataset["free"].values > 0).sum())
     shares: dict[str, list[float]] = {"wall clock": [], "processor": []}
     lines: list[tuple[object, ...]] = []
-    for k, ends in enumerate(random_walls(env, walls, np.random.default_rng(seed))):
-        print(f"{name}: wall {k + 1} of {walls}", file=sys.stderr)
-        wall = Obstacle.panel(*ends)
-        again = functools.partial(edited_map, first, env, wall)
+    drawn = random_walls(env, walls, np.random.default_rng(seed))
+    cases = [[Obstacle.panel(*ends)] for ends in drawn]
+    if posts:
+        cases.append(random_posts(env, posts, np.random.default_rng(seed)))
+    for k, added in enumerate(cases):
+        print(f"{name}: case {k + 1} of {len(cases)}", file=sys.stderr)
+        again = functools.partial(edited_map, first, env, added)
         made = [timed(again) for _ in range(repeats)]
         after, clock_s, used_s = min(made, key=lambda item: item[2])
         full_map, *built = timed(
-            functools.partial(an.build_map, env.edited([wall]), scanner, store=False)
+            functools.partial(an.build_map, env.edited(added), scanner, store=False)
         )
         took = (clock_s, used_s)
         before = [first.floor("level").values, after.floor("level").values]
         moved = int((np.abs(np.nan_to_num(before[0]) - np.nan_to_num(before[1])) > 1e-6).sum())
-        for i, clock in enumerate(shares):
-            shares[clock].append(took[i] / built[i])
+        if len(added) == 1:
+            for i, clock in enumerate(shares):
+                shares[clock].append(took[i] / built[i])
         lines.append(
             (
-                name, "widest room" if k == 0 else f"random {k}", f"{moved / cells:.1%}",
+                name, _title(k, len(added)), f"{moved / cells:.1%}",
                 f"{took[0]:.2f}", f"{took[1]:.2f}", f"{built[0]:.2f}", f"{built[1]:.2f}",
                 f"{took[1] / built[1]:.3f}", f"{difference(after, full_map):.1e}",
             )
@@ -117,6 +133,12 @@ def rows_of(
     return summary, lines
 
 
+def _title(number: int, obstacles: int) -> str:
+    if obstacles > 1:
+        return f"{obstacles} posts"
+    return "widest room" if number == 0 else f"random {number}"
+
+
 def main() -> None:
     """Measure as the command line says, and report."""
     args = arguments(
@@ -124,6 +146,7 @@ def main() -> None:
         map="willow_full_005",
         scanners=SCANNERS,
         walls=6,
+        posts=12,
         repeats=option(3, "updates, of which the fastest"),
         seed=23,
         extrude=option(0.0, "height of walls, metres, for a building in space"),
@@ -135,23 +158,25 @@ def main() -> None:
     for name in args.scanners:
         env, scanner = building_and_scanner(small, name, args.extrude)
         amap = an.build_map(env, scanner, 1.0, 2.0, store=False)
-        edited_map(amap, env, Obstacle.panel(*random_walls(env, 1, np.random.default_rng(0))[0]))
+        edited_map(amap, env, [Obstacle.panel(*random_walls(env, 1, np.random.default_rng(0))[0])])
     summary: list[tuple[object, ...]] = []
     lines: list[tuple[object, ...]] = []
     for name in args.scanners:
-        summary_rows, more = rows_of(path, name, args.walls, args.repeats, args.seed, args.extrude)
+        summary_rows, more = rows_of(
+            path, name, args.walls, args.posts, args.repeats, args.seed, args.extrude
+        )
         summary += summary_rows
         lines += more
     header = ("scanner", "range, headings", "seconds", "update by build")
     every = (
-        "scanner", "wall", "cells whose level moves", "update, s", "processor, s", "build, s",
+        "scanner", "put up", "cells whose level moves", "update, s", "processor, s", "build, s",
         "processor, s", "processor, update by build", "greatest difference",
     )  # fmt: skip
     where = f"{args.map}, {args.extrude:g} m high" if args.extrude else args.map
     body = (
         f"{args.walls} walls of {LENGTH:g} m on {where}, seed {args.seed}; edit and update, the "
         f"fastest of {args.repeats}, by one build.\n\n{table(header, summary, words=3)}\n\n"
-        f"## Each wall\n\n{table(every, lines, words=2)}"
+        f"## Each change\n\n{table(every, lines, words=2)}"
     )
     libraries = ("ambinav", "numba", "numpy", "shapely")
     report("Maps of a changed building", libraries, body, args.out)

@@ -19,8 +19,8 @@ from ambinav.geometry.segments import Segments, edges_of
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
-# Metres; no building goes beyond.
-EVERYWHERE = 1e8
+# An edge around everything, metres.
+EVERYWHERE = np.array([[-1e8, -1e8, 1e8, 1e8]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Changes:
         for first, second in pairs:
             edges += [first[~repeated(first, second)], second[~repeated(second, first)]]
         if old.space is not None and new.space is not None:
-            edges += _in_space(old.space, new.space)
+            edges += _in_space(old.space, new.space) if old.floor == new.floor else [EVERYWHERE]
         return cls(removed, added, np.concatenate(edges))
 
     def boxes(self, margin: float) -> list[Box]:
@@ -108,7 +108,7 @@ def _in_space(old: SpaceCaster, new: SpaceCaster) -> list[Floats]:
         corners = [part[_missing(part, other)] for part, other in _both_ways(*faces)]
         around = np.concatenate(corners).reshape(-1, 3, 3)[..., :2]
         return [np.hstack([around.min(axis=1), around.max(axis=1)])]
-    return [np.array([[-EVERYWHERE, -EVERYWHERE, EVERYWHERE, EVERYWHERE]])]
+    return [EVERYWHERE]
 
 
 def comparable(old: SpaceCaster | None, new: SpaceCaster | None) -> bool:
@@ -129,12 +129,14 @@ def changed_faces(old: Prisms, new: Prisms, margin: float = 0.0) -> list[AddedWa
     for k in range(2):
         rows = sheets[k][_missing(sheets[k], sheets[1 - k])]
         bodies = [solid for key, solid in solids[k].items() if key not in solids[1 - k]]
-        edges = [*rows[:, None, :4], *(edges_of(solid.outline) for solid in bodies)]
+        outlines = [shapely.buffer(solid.outline, margin, join_style="mitre") for solid in bodies]
+        edges = [_longer(row[None, :4], margin) for row in rows]
+        edges += [edges_of(outline) for outline in outlines]
         z = [*rows[:, 4:6], *((solid.bottom, solid.top) for solid in bodies)]
         kinds = [*rows[:, 6], *(solid.kind for solid in bodies)]
         faces.append(
             AddedWalls.of(
-                [_longer(part, margin) for part in edges],
+                edges,
                 kinds,
                 [(low - margin, high + margin) for low, high in z],
                 [False] * len(rows) + [True] * len(bodies),

@@ -17,6 +17,8 @@ from ambinav.runtime.threads import run_rows
 GRAZE = 1e-6
 # Ranges are float32: what is nearer by this much, metres, hides for certain.
 HIDDEN = 1e-5
+# Segments whose middles lie in the same square of this edge, metres, are passed by together.
+TOGETHER = 1.0
 
 
 class SightRays(NamedTuple):
@@ -66,21 +68,40 @@ def sees(
     seen = np.zeros(len(x), dtype=np.bool_)
     if not len(lines):
         return seen
-    ends = lines.reshape(-1, 2)
-    centre = (ends.min(axis=0) + ends.max(axis=0)) / 2
-    size = float(np.hypot(*(ends - centre).T).max()) + 2 * GRAZE
+    grouped, start, circle = _groups(lines)
     run_rows(
-        _sees, len(x), x, y, *rays[:2], np.cos(rays.angle), np.sin(rays.angle), rays.reach, lines,
-        centre, size, *grid.arrays, seen, least=64,
+        _sees, len(x), x, y, *rays[:2], np.cos(rays.angle), np.sin(rays.angle), rays.reach, grouped,
+        start, circle, *grid.arrays, seen, least=64,
     )  # fmt: skip
     return seen
 
 
+def _groups(
+    lines: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Sort lines into groups that lie together.
+
+    Returns:
+        The lines, group by group; where each group begins, and where the last one ends; x, y and
+        radius of a circle around each, metres.
+    """
+    cell = np.floor((lines[:, :2] + lines[:, 2:]) / 2 / TOGETHER).astype(np.int64)
+    _, group = np.unique(cell, axis=0, return_inverse=True)
+    order = np.argsort(group.reshape(-1), kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(group.reshape(-1)))])
+    grouped = np.ascontiguousarray(lines[order])
+    circle = np.empty((len(start) - 1, 3))
+    for row, low, high in zip(circle, start[:-1], start[1:], strict=True):
+        ends = grouped[low:high].reshape(-1, 2)
+        row[:2] = (ends.min(axis=0) + ends.max(axis=0)) / 2
+        row[2] = np.hypot(*(ends - row[:2]).T).max() + 2 * GRAZE
+    return grouped, start, circle
+
+
 @kernel(inline="always")
-def _meeting(px, py, ux, uy, reach, lines):
-    """Return a lower bound of the distance along the ray to the first line; inf for no line."""
-    best = np.inf
-    for k in range(lines.shape[0]):
+def _meeting(px, py, ux, uy, reach, lines, low, high, best):
+    """Return a lower bound of the distance along the ray to the first line, at most `best`."""
+    for k in range(low, high):
         ax, ay = lines[k, 0] - px, lines[k, 1] - py
         bx, by = lines[k, 2] - px, lines[k, 3] - py
         left, right = ux * ay - uy * ax, ux * by - uy * bx
@@ -98,18 +119,22 @@ def _meeting(px, py, ux, uy, reach, lines):
 
 @kernel
 def _sees(
-    low, high, x, y, ray_x, ray_y, ray_cos, ray_sin, ray_reach, lines, centre, size, x0, y0, cell,
+    begin, end, x, y, ray_x, ray_y, ray_cos, ray_sin, ray_reach, lines, group, circle, x0, y0, cell,
     rows, columns, start, item, line, seen,
 ):  # fmt: skip
-    for i in range(low, high):
+    for i in range(begin, end):
         for r in range(ray_cos.size):
             px, py = x[i] + ray_x[r], y[i] + ray_y[r]
             ux, uy = ray_cos[r], ray_sin[r]
-            cx, cy = centre[0] - px, centre[1] - py
-            along, across = cx * ux + cy * uy, ux * cy - uy * cx
-            if abs(across) > size or along < -size or along - size > ray_reach[r]:
-                continue
-            nearest = _meeting(px, py, ux, uy, ray_reach[r] + HIDDEN, lines)
+            nearest = np.inf
+            for g in range(circle.shape[0]):
+                cx, cy, size = circle[g, 0] - px, circle[g, 1] - py, circle[g, 2]
+                along, across = cx * ux + cy * uy, ux * cy - uy * cx
+                if abs(across) > size or along < -size or along - size > ray_reach[r]:
+                    continue
+                nearest = _meeting(
+                    px, py, ux, uy, ray_reach[r] + HIDDEN, lines, group[g], group[g + 1], nearest
+                )
             if nearest == np.inf:
                 continue
             reach = max(nearest, 0.0) + HIDDEN

@@ -34,6 +34,8 @@ THINNEST: Final = 0.005
 """Metres: no post has a smaller radius."""
 THICKEST: Final = 20.0
 """Metres: of no obstacle the radius or the thickness is larger."""
+HIGHEST: Final = 1000.0
+"""Metres above the floor: no obstacle is higher."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,13 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
     kind, shape = properties.get("kind"), geometry.get("type")
     if kind not in KINDS:
         raise InputError(f"{label}: kind is {reprlib.repr(kind)}; give {', '.join(KINDS)}.")
-    bottom = _length(label, "bottom", properties.get("bottom") or 0.0, 0.0)
-    top = properties.get("top")
-    if top is not None and not _length(label, "top", top, 0.0) > bottom:
+    heights = [properties.get(name) for name in ("bottom", "top")]
+    bottom, top = (
+        value if value is None else _length(label, name, value, 0.0, HIGHEST)
+        for name, value in zip(("bottom", "top"), heights, strict=True)
+    )
+    bottom = bottom or 0.0
+    if top is not None and not top > bottom:
         raise InputError(
             f"{label}: top is {top:g} and bottom {bottom:g}; give a top above it, in metres."
         )
@@ -139,10 +145,10 @@ def _point(label: str, node: Any) -> tuple[float, float]:
     return float(node[0]), float(node[1])
 
 
-def _length(label: str, name: str, value: Any, least: float) -> float:
-    if not _is_number(value) or not least <= value <= THICKEST:
+def _length(label: str, name: str, value: Any, least: float, most: float = THICKEST) -> float:
+    if not _is_number(value) or not least <= value <= most:
         raise InputError(
-            f"{label}: {name} is {reprlib.repr(value)}; give {least:g} to {THICKEST:g} metres."
+            f"{label}: {name} is {reprlib.repr(value)}; give {least:g} to {most:g} metres."
         )
     return float(value)
 

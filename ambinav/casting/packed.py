@@ -20,7 +20,10 @@ Bytes = NDArray[np.uint8]
 def packed(space: SpaceCaster) -> Bytes | None:
     """Return a building as the bytes of an .npz file; None for a caster of another class."""
     if isinstance(space, Mesh):
-        arrays = {"vertices": space.vertices, "faces": space.faces, "voxel": np.array(space.voxel)}
+        arrays = {
+            "vertices": space.vertices, "faces": space.faces, "middle": space.middle,
+            "voxel": np.array(space.voxel),
+        }  # fmt: skip
         return _npz(arrays, (space.name, *space.notes))
     if not isinstance(space, Prisms):
         return None
@@ -48,7 +51,9 @@ def unpacked(data: Bytes) -> SpaceCaster:
         if "faces" in arrays:
             name, *notes = arrays["text"].tolist()
             voxel = float(arrays["voxel"])
-            return Mesh(arrays["vertices"], arrays["faces"], name=name, notes=notes, voxel=voxel)
+            mesh = Mesh(arrays["vertices"], arrays["faces"], name=name, notes=notes, voxel=voxel)
+            mesh.middle = arrays["middle"]
+            return mesh
         ends = np.cumsum(arrays["length"])[:-1]
         outlines = _outlines(np.split(arrays["outline"], ends) if len(arrays["length"]) else [])
         z, kind = arrays["solid_z"], arrays["solid_kind"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from ambinav.casting.space import SpaceCaster
 from ambinav.casting.triangles import faces_of, faces_of_sheets
 from ambinav.geometry.segments import REFLECTOR
 from ambinav.runtime.errors import InputError
+
+# Embree's coordinates are float32: by this much, metres, what is added to a mesh is taller.
+HAIR: Final = 1e-5
 
 
 def with_solids(
@@ -45,10 +50,13 @@ def with_solids(
             f"{space.name}: it is a mesh, in which no face is known as a reflector; put up "
             "obstacles that do not reflect, or give the building as a plan or an .ifc file."
         )
+    # Surfaces are closed, as those of prisms are: a level ray at the height of a top meets it.
+    sheets = sheets._replace(z=sheets.z + np.array([-HAIR, HAIR]))
+    solids = [replace(s, bottom=s.bottom - HAIR, top=s.top + HAIR) for s in solids]
     triangles = [faces_of_sheets(sheets), *(faces_of(solid) for solid in solids)]
     corners = np.concatenate([np.empty((0, 3, 3)), *triangles]).reshape(-1, 3)
     fresh = np.arange(len(corners)).reshape(-1, 3) + len(space.vertices)
-    return Mesh(
+    made = Mesh(
         np.concatenate([space.vertices, corners]),
         np.concatenate([space.faces, fresh]),
         name=space.name,
@@ -57,3 +65,6 @@ def with_solids(
         notes=space.notes,
         voxel=space.voxel,
     )
+    # Ranges to what was there before stay as they are, to the last bit.
+    made.middle = space.middle
+    return made

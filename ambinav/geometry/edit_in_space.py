@@ -22,7 +22,6 @@ from ambinav.geometry.edit import (
     Building,
     between,
     complement,
-    on_floor,
     straight,
 )
 from ambinav.geometry.obstacle import Obstacle
@@ -81,7 +80,9 @@ def edited_space(
     """
     if remove is not None:
         space = _without(space, floor, before, after, remove)
-    return with_solids(space, *bodies_of(add, after, floor, top_of(space))) if len(add) else space
+    if not len(add):
+        return space
+    return with_solids(space, *bodies_of(add, before, floor, top_of(space)))
 
 
 def top_of(space: SpaceCaster) -> float:
@@ -109,7 +110,7 @@ def bodies_of(
 
     Args:
         obstacles: The obstacles.
-        plan: The building in which they stand.
+        plan: The building into which they are put, one after the other.
         floor: z of the floor, metres.
         top: z up to which those without a height of their own reach, metres.
 
@@ -118,6 +119,7 @@ def bodies_of(
     """
     solids: list[Solid] = []
     sheets: list[Sheets] = []
+    walls = plan.segments.xy
     for obstacle in obstacles:
         low = floor + obstacle.bottom
         high = top if obstacle.top is None else floor + obstacle.top
@@ -129,24 +131,24 @@ def bodies_of(
         kind = REFLECTOR if obstacle.reflective else WALL
         if obstacle.solid:
             solids.append(Solid(obstacle.outline, low, high, kind))
-            continue
-        rows = on_floor(obstacle.outline, plan.free)
-        if obstacle.reflective:
-            rows = np.concatenate([rows, _before_walls(obstacle.outline, rows, plan)])
-        sheets.append(Sheets.of(rows, low, high, kind))
+            rows = edges_of(obstacle.outline)
+        else:
+            rows = straight(obstacle.outline)
+            faces = rows
+            if obstacle.reflective:
+                tags = _before_walls(_parts(rows, walls, NEAR, covered=True), plan.free)
+                faces = np.concatenate([_parts(rows, walls, NEAR, covered=False), tags])
+            sheets.append(Sheets.of(faces, low, high, kind))
+        walls = np.concatenate([walls, rows])
     return solids, Sheets.joined(sheets)
 
 
-def _before_walls(line: BaseGeometry, on_floor_rows: Floats, plan: Plan) -> Floats:
-    """Return the parts of a line along walls, shifted to the sides where there is floor."""
-    rows = straight(line)
-    along = _parts(rows, plan.segments.xy, NEAR, covered=True)
-    along = _parts(along, on_floor_rows, NEAR, covered=False)
-    normal = Segments(along, np.zeros(len(along), dtype=np.uint8)).normals
-    shifted = [along + sign * TAG * np.tile(normal, 2) for sign in (-1.0, 1.0)]
-    sides = np.concatenate(shifted)
+def _before_walls(rows: Floats, free: BaseGeometry) -> Floats:
+    """Return parts of walls, shifted to the sides where there is floor."""
+    normal = Segments(rows, np.zeros(len(rows), dtype=np.uint8)).normals
+    sides = np.concatenate([rows + sign * TAG * np.tile(normal, 2) for sign in (-1.0, 1.0)])
     middle = (sides[:, :2] + sides[:, 2:]) / 2
-    return np.asarray(sides[shapely.contains_xy(plan.free, *middle.T)])
+    return np.asarray(sides[shapely.contains_xy(free, *middle.T)])
 
 
 def _parts(rows: Floats, lines: Floats, near: float, *, covered: bool) -> Floats:
@@ -183,7 +185,8 @@ def _without(
         kept.append(sheets.among(np.full(len(rows), k))._replace(xy=rows))
     solids: list[Solid] = []
     for solid in space.solids:
-        if not _stands(np.array([[solid.bottom, solid.top]]), floor)[0]:
+        stands = _stands(np.array([[solid.bottom, solid.top]]), floor)[0]
+        if not (stands and shapely.intersects(solid.outline, shape)):
             solids.append(solid)
             continue
         left = shapely.get_parts(shapely.difference(solid.outline, shape))
@@ -199,7 +202,9 @@ def _without(
     fresh = _parts(fresh, edges_of(shape), ON_BORDER, covered=True)
     fresh = _parts(fresh, closed, ON_BORDER, covered=False)
     kept.append(Sheets.of(fresh, floor, top_of(space)))
-    free = None if space.free is None else shapely.union(space.free, shape)
+    free = space.free
+    if free is not None and not shapely.covers(free, shape):
+        free = shapely.union(free, shape)
     return space.refilled(Sheets.joined(kept), solids=solids, free=free)
 
 

@@ -430,8 +430,9 @@ class Environment:
         before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
         after, changed = applied(before, add, remove)
         space = self.space
-        if space is not None and (changed or len(add)):
-            space, changed = edited_space(space, self.floor, before, after, add, remove), True
+        if space is not None and (len(add) or remove is not None):
+            space = edited_space(space, self.floor, before, after, add, remove)
+            changed |= self.space is None or space.checksum != self.space.checksum
         if not changed and name in (None, self.name):
             return self
         away = "" if remove is None else ", a part removed"

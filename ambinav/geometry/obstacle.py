@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import as_number
 from ambinav.runtime.errors import InputError
 
 FURTHEST: Final = 1e8
@@ -60,12 +61,13 @@ class Obstacle:
                 "different ends, or a polygon three corners that are not in line."
             )
         object.__setattr__(self, "outline", outline)
-        if not (math.isfinite(self.bottom) and self.bottom >= 0.0):
-            raise InputError(f"obstacle: bottom is {self.bottom}; give at least 0 metres.")
-        if self.top is not None and not self.bottom < self.top < math.inf:
+        bottom = as_number(self.bottom, "obstacle: bottom")
+        if bottom < 0.0:
+            raise InputError(f"obstacle: bottom is {bottom:g}; give at least 0 metres.")
+        if self.top is not None and not bottom < (top := as_number(self.top, "obstacle: top")):
             raise InputError(
-                f"obstacle: top is {self.top:g}; give a height above its bottom of "
-                f"{self.bottom:g} metres, or none for the height of the building."
+                f"obstacle: top is {top:g}; give a height above its bottom of {bottom:g} metres, "
+                "or none for the height of the building."
             )
 
     def between(self, bottom: float, top: float | None) -> Obstacle:

@@ -52,8 +52,8 @@ class Layer(LayerRecord):
             whether all that it casts goes through `LayerContext.returns`, `scans.scan_rays` or
             `cast_tables`.
         not_in_space: Message if it does not support buildings in space.
-        prisms_alone: Whether it is known in space of prisms alone (`cast_tables`),
-        lasers_alone: and of lasers alone.
+        prisms_alone: Whether it is known in space of prisms alone (`cast_tables`).
+        lasers_alone: Whether it is known in space of lasers alone.
         reach: From the context and the options, how far from a cell a change of the building may
             be and still change the layer there, metres, whatever stands between; what lies
             further off must not matter, nor cells beyond the map's radius. None: no limit is

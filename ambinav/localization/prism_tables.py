@@ -32,7 +32,7 @@ def prisms_of(environment: Environment) -> Prisms | None:
     # Asked for its surfaces, a space that was not kept says so itself.
     triangles = len(environment.surface_kind)
     raise InputError(
-        f"{environment.name}: it is a mesh of {triangles} triangles, in which no localizer casts "
+        f"{environment.name}: it is a mesh of {triangles} triangles, in which no kernel casts "
         "rays; give prisms, or let Monte Carlo localization look ranges up (laser_model_type "
         "beam_prob with beam_table_resolution 0.2 and without localizability_weighting)."
     )

@@ -28,8 +28,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.arrays import line_of_floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.lanes import LANES
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -289,11 +289,8 @@ def _compute(
     tiles = list(tiled(lattice, reach, len(angles) * 5 * width * 4))
     most = max(tile.last - tile.first for tile in tiles)
     # Once for all tiles: it takes the system as long to hand out pages as to fill them.
-    # From the start of a cache line on: vectors that lie across two take longer.
     shape = (len(angles), most, 5, width)
-    buffer = np.empty(math.prod(shape) + LANES, dtype=np.float32)
-    begin = -buffer.ctypes.data // buffer.itemsize % LANES
-    data = buffer[begin : begin + math.prod(shape)].reshape(shape)
+    data = line_of_floats(math.prod(shape)).reshape(shape)
     first = last = 0
     for tile in tiles:
         # Rows that this tile shares with the one before are not cast again.

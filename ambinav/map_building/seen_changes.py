@@ -12,6 +12,7 @@ from ambinav.ambiguity.changes import Changes, changed_faces, comparable
 from ambinav.ambiguity.returns import BEYOND, panorama_returns
 from ambinav.ambiguity.sight import GRAZE, SightRays, sees
 from ambinav.ambiguity.sight_in_space import sees_in_space
+from ambinav.casting.plane.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
@@ -24,6 +25,8 @@ Floats = NDArray[np.float64]
 SAMPLED = 17
 MOST_SEEING = 0.8
 MOST_DIFFERING = 0.25
+# With more changed walls than this, computing all poses within reach is faster than asking.
+MOST_CHANGES = 1000
 # Beams of poses in a mesh whose returns are compared at a time.
 SCANNED = 4_000_000
 
@@ -58,11 +61,15 @@ class SeenChanges:
 
     def by(self, x: Floats, y: Floats) -> Mask:
         """Return which poses within reach, shape (N,), may see a change; in doubt they do."""
+        old, new = self.old, self.new
         asked, most = self._in_plane, MOST_SEEING
-        if self.new.space is not None:
-            asked = self._in_prisms
-            if not comparable(self.old.space, self.new.space):
+        count = len(self.changes.removed) + len(self.changes.added)
+        if new.space is not None:
+            asked, count = self._in_prisms, sum(len(faces.kind) for faces in self._faces)
+            if not comparable(old.space, new.space) or old.floor != new.floor:
                 asked, most = self._by_scans, MOST_DIFFERING
+        if count > MOST_CHANGES:
+            return np.ones(len(x), dtype=np.bool_)
         # Where most poses see the change, to ask all of them takes longer than it saves.
         if len(x) > SAMPLED and asked(x[::SAMPLED], y[::SAMPLED]).mean() > most:
             return np.ones(len(x), dtype=np.bool_)
@@ -80,15 +87,20 @@ class SeenChanges:
         seen = sees(self.old.grid, self.changes.removed, x, y, self.rays)
         return seen | sees(self.new.grid, self.changes.added, x, y, self.rays)
 
-    def _in_prisms(self, x: Floats, y: Floats) -> Mask:
+    @cached_property
+    def _faces(self) -> list[AddedWalls]:
+        """Faces of prisms that are gone, and those that are new; none of other buildings."""
         old, new = self.old.space, self.new.space
-        assert isinstance(old, Prisms) and isinstance(new, Prisms)
+        if not (isinstance(old, Prisms) and isinstance(new, Prisms)):
+            return []
+        return changed_faces(old, new, GRAZE)
+
+    def _in_prisms(self, x: Floats, y: Floats) -> Mask:
         rays, headings = self.context.scanner.rays(in_space=True), self.context.headings
         seen = np.zeros(len(x), dtype=np.bool_)
-        for env, prisms, faces in zip(
-            (self.old, self.new), (old, new), changed_faces(old, new, GRAZE), strict=True
-        ):
-            seen |= sees_in_space(prisms, env.floor, faces, x, y, headings, rays, self._reach)
+        for env, faces in zip((self.old, self.new), self._faces, strict=True):
+            assert isinstance(env.space, Prisms)
+            seen |= sees_in_space(env.space, env.floor, faces, x, y, headings, rays, self._reach)
         return seen
 
     def _by_scans(self, x: Floats, y: Floats) -> Mask:

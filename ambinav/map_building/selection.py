@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
 from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import tiled
+from ambinav.runtime.arrays import line_of_floats
 from ambinav.sensing.scanner import RangeScanner
 
 Mask = NDArray[np.bool_]
@@ -60,21 +62,32 @@ class ChosenPoses:
             np.empty((count, 2)) if self.turning else None,
         )
         done = 0
+        # Used again for each band: it takes the system as long to hand out pages as to fill them.
+        room = np.empty(0, dtype=np.float32)
         for band in tiled(lattice, steps, headings * 5 * len(self.table.limit) * 4):
             in_band = np.zeros_like(chosen)
             in_band[band.begin : band.end] = chosen[band.begin : band.end]
             added = int(in_band.sum())
             if added:
                 part = Neighbourhoods.around(lattice, possible, in_band, self.model.radius)
-                self._fill(part, results, slice(done, done + added))
+                shape = headings, len(part.lattice.points[0]), 5, len(self.table.limit)
+                if room.size < math.prod(shape):
+                    room = line_of_floats(math.prod(shape))
+                data = room[: math.prod(shape)].reshape(shape)
+                self._fill(part, data, results, slice(done, done + added))
                 done += added
                 report(done / count)
         return results
 
-    def _fill(self, part: Neighbourhoods, results: LatticeSums, where: slice) -> None:
+    def _fill(
+        self,
+        part: Neighbourhoods,
+        data: NDArray[np.float32],
+        results: LatticeSums,
+        where: slice,
+    ) -> None:
         scanner, table, headings = self.scanner, self.table, self.headings
         x, y = part.lattice.points
-        data = np.empty((len(headings), len(x), 5, len(table.limit)), dtype=np.float32)
         building = part.lattice.environment
         panorama_returns(building, scanner, table, x, y, headings, data)
         results.sums[where] = part.sums(data, table, self.model)

@@ -51,10 +51,10 @@ Mask = NDArray[np.bool_]
 PARTED = 1.5
 # A window reaches this much farther than what is asked in it, metres.
 SLACK = 0.1
-# With more edges than this, computing all poses within reach is faster than visibility tests.
+# With more edges than this, one box is laid around all of them.
 MOST_LINES = 1000
 # More boxes than this are merged into one.
-MOST_BOXES = 8
+MOST_BOXES = 24
 
 
 def updated(
@@ -257,8 +257,6 @@ class _Update:
         in_reach = np.zeros_like(stale)
         for box in self.boxes(reach):
             in_reach[_cells(box, x, y)] = True
-        if len(changes.edges) > MOST_LINES:
-            return stale | (in_reach & free)
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)
         near = PARTED * self.spacing

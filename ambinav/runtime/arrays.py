@@ -6,8 +6,9 @@ machine code: a second and a half of compilation in each process that meets one 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.runtime.kernels import kernel
@@ -25,3 +26,15 @@ def copy_into(out: NDArray[Any], values: NDArray[Any]) -> None:
         raise ValueError("there are more values than room for them")
     for k in range(source.size):
         target[k] = source[k]
+
+
+CACHE_LINE: Final = 64
+"""Bytes."""
+
+
+def line_of_floats(count: int) -> NDArray[np.float32]:
+    """Return so many float32 that begin with a cache line: vectors across two take longer."""
+    extra = CACHE_LINE // 4
+    numbers = np.empty(count + extra, dtype=np.float32)
+    begin = -numbers.ctypes.data // 4 % extra
+    return numbers[begin : begin + count]

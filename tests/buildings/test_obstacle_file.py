@@ -17,6 +17,8 @@ DRAWN = (
     DrawnObstacle("wall", ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0)), thickness=0.1),
     DrawnObstacle("reflector", ((3.0, 1.0),), radius=0.05),
     DrawnObstacle("reflector", ((3.0, 2.0), (4.0, 2.0))),
+    DrawnObstacle("post", ((1.0, 2.0),), radius=0.1, bottom=0.3, top=25.0),
+    DrawnObstacle("wall", ((0.0, 0.0), (2.0, 0.0)), bottom=1.5),
 )
 
 
@@ -34,9 +36,10 @@ def test_what_is_written_is_read_again() -> None:
 
 def test_obstacles_have_the_size_that_is_drawn() -> None:
     built = [one.obstacle for one in DRAWN]
-    assert [one.reflective for one in built] == [False, False, False, True, True]
+    assert [one.reflective for one in built] == [False, False, False, True, True, False, False]
+    assert [(one.bottom, one.top) for one in built[-3:]] == [(0.0, None), (0.3, 25.0), (1.5, None)]
     assert [one.outline.geom_type for one in built] == [
-        "Polygon", "LineString", "Polygon", "Polygon", "LineString",
+        "Polygon", "LineString", "Polygon", "Polygon", "LineString", "Polygon", "LineString",
     ]  # fmt: skip
     assert built[0].outline.area == pytest.approx(math.pi * 0.1**2, rel=0.03)
     assert built[2].outline.area == pytest.approx(0.1 * 3.0)  # a mitred corner
@@ -56,6 +59,9 @@ LINE = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
         (feature("wall", POINT, radius=1), "draw it as a LineString"),
         (feature("reflector", {"type": "Polygon"}), "a Point or a LineString"),
         (feature("post", POINT), "radius is None"),
+        (feature("post", POINT, radius=0.1, bottom=""), "bottom is ''; give 0 to 1000 metres"),
+        (feature("post", POINT, radius=0.1, top=2000), "top is 2000; give 0 to 1000 metres"),
+        (feature("post", POINT, radius=0.1, bottom=1, top=0.5), "top is 0.5 and bottom 1"),
         (feature("post", POINT, radius=0), "0.005 to 20"),
         (feature("post", POINT, radius=math.nan), "radius is nan"),
         (feature("post", POINT, radius=True), "radius is True"),

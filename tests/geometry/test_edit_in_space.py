@@ -124,6 +124,68 @@ def test_a_panel_that_reflects_does_so_on_both_sides() -> None:
     assert (edited.surface_kind[surface] == REFLECTOR).all()
 
 
+def test_a_tag_on_a_thin_wall_is_met_from_both_sides() -> None:
+    """Of the building as it was, and of a wall that is put up with it."""
+    wall = Obstacle.panel(3.0, 0.0, 3.0, 2.0)
+    tag = Obstacle.wall([(3.0, 0.5), (3.0, 1.5)], reflective=True).between(0.2, 1.0)
+    plan = scenes.room(6.0, 4.0)
+    for room in (tall(plan.edited([wall])).edited([tag]), tall(plan).edited([wall, tag])):
+        assert room.space is not None
+        origin, look = [(2, 1, 0.5), (4, 1, 0.5)], [(1, 0, 0), (-1, 0, 0)]
+        distance, surface = room.space.cast(origin, look, 9.0)
+        np.testing.assert_allclose(distance, 1.0 - TAG)
+        assert (room.surface_kind[surface] == REFLECTOR).all()
+        _, surface = room.space.cast([(2, 1, 1.5)], [(1, 0, 0)], 9.0)
+        assert room.surface_kind[surface] == WALL
+
+
+def test_a_thin_wall_across_a_low_box_has_no_hole() -> None:
+    room = tall(scenes.room(6.0, 4.0))
+    box = Obstacle(shapely.box(2.5, 1.0, 3.5, 3.0)).between(0.0, 0.3)
+    panel = Obstacle.panel(3.0, 0.5, 3.0, 3.5).between(0.0, 2.0)
+    for edited in (room.edited([box, panel]), room.edited([box]).edited([panel])):
+        assert edited.space is not None
+        distance, _ = edited.space.cast((1.0, 2.0, 1.0), (1.0, 0.0, 0.0), 9.0)
+        assert distance == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("top", np.linspace(0.2, 0.47, 28).tolist())
+def test_a_level_ray_meets_a_top_of_its_own_height(top: float) -> None:
+    """In prisms surfaces are closed, and so is what is put into a mesh."""
+    for room in furnished():
+        edited = room.edited([Obstacle.post(1.0, 2.5, 0.2).between(0.0, top)])
+        assert edited.space is not None
+        distance, _ = edited.space.cast((0.2, 2.5, top), (1.0, 0.0, 0.0), 9.0)
+        assert distance == pytest.approx(0.6, abs=2e-3)
+
+
+def test_what_stands_on_the_floor_of_the_plan_is_removed_too() -> None:
+    """A kerb of 0.2 m that the plan does not show."""
+    plan = scenes.room(6.0, 4.0)
+    walls = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0)]
+    kerb = Solid(shapely.box(4, 1, 5, 2), 0.0, 0.2)
+    room = plan.in_space(
+        Prisms(walls, [(0.0, 2.5)] * 4, solids=[kerb], floor=0.0, ceiling=2.5, free=plan.free)
+    )
+    edited = room.edited(remove=shapely.box(3.0, 0.5, 5.5, 2.5))
+    assert isinstance(edited.space, Prisms)
+    assert edited.space.solids == ()
+    assert room.edited(remove=shapely.box(1.0, 0.5, 2.0, 2.5)) is room
+
+
+def test_ranges_in_a_mesh_stay_as_they_are_to_the_last_bit() -> None:
+    """Also where what is put up reaches beyond the mesh."""
+    _, mesh = furnished()
+    edited = mesh.edited([Obstacle.panel(5.0, 3.9, 9.0, 3.95).between(0.0, 9.0)])
+    assert mesh.space is not None and edited.space is not None
+    rng = np.random.default_rng(2)
+    origin = rng.uniform((0.3, 0.3, 0.2), (4.0, 2.5, 2.0), (500, 3))
+    look = rng.normal(size=(500, 3))
+    before, after = (part.space.cast(origin, look, 9.0)[0] for part in (mesh, edited))
+    assert (before == after).mean() > 0.9
+    assert (np.abs(before - after)[before != after] > 1e-3).all()
+
+
 def test_nothing_to_do_changes_nothing() -> None:
     for env in furnished():
         assert env.edited() is env
@@ -143,6 +205,8 @@ def test_bad_edits_are_refused() -> None:
         Obstacle.post(0.0, 0.0, 0.1).between(0.5, 0.2)
     with pytest.raises(InputError, match="bottom is -1"):
         Obstacle.post(0.0, 0.0, 0.1).between(-1.0, None)
+    with pytest.raises(InputError, match="obstacle: top"):
+        Obstacle.post(0.0, 0.0, 0.1).between(0.0, "high")  # type: ignore[arg-type]
 
 
 def test_floors_at_any_height_and_solids_in_the_way() -> None:

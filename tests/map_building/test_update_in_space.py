@@ -93,6 +93,23 @@ def test_a_plan_is_no_change_of_a_building_in_space(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
+def test_many_posts_at_once(which: int) -> None:
+    env = furnished()[which]
+    places = scenes.points_inside(env, 12, 4).tolist()
+    posts = [Obstacle.post(*place, 0.03).between(0.0, 0.6) for place in places]
+    now = env.edited(posts)
+    assert_same(built(env, FLAT).update(now), built(now, FLAT), 1e-5)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
+def test_a_floor_at_another_height_changes_everything(which: int) -> None:
+    env = furnished()[which]
+    assert env.space is not None
+    raised = env.in_space(env.space, 0.5)
+    assert_same(built(env, FLAT).update(raised), built(raised, FLAT), 1e-5)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
 def test_an_opened_map_is_updated_like_the_one_saved(which: int, tmp_path: Path) -> None:
     env = furnished()[which]
     env = env.in_space(env.space, 0.0)

@@ -124,6 +124,11 @@ class Mesh:
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @cached_property
+    def middle(self) -> NDArray[np.float64]:
+        """Point that Embree's coordinates are relative to, shape (3,), metres."""
+        return np.asarray(self.bounds.mean(axis=0))
+
+    @cached_property
     def checksum(self) -> str:
         """Digest of the triangles."""
         return digest_of(self.vertices, self.faces)
@@ -198,7 +203,7 @@ class Mesh:
     def _cast(
         self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        middle = self.bounds.mean(axis=0)
+        middle = self.middle
         hits: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
             (origin - middle).astype(np.float32), direction.astype(np.float32), reach
         )
@@ -215,7 +220,7 @@ class Mesh:
             ) from None
         from ambinav.casting.mesh.processes import EmbreeCaster
 
-        vertices = (self.vertices - self.bounds.mean(axis=0)).astype(np.float32)
+        vertices = (self.vertices - self.middle).astype(np.float32)
         return EmbreeCaster(vertices, self.faces.astype(np.int32), self.processes)
 
 

@@ -11,6 +11,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 
 from ambinav.buildings.obstacle_file import (
+    HIGHEST,
     THICKEST,
     THINNEST,
     DrawnObstacle,
@@ -79,13 +80,13 @@ class ObstacleProperties(_GeoJsonPart):
     bottom: float | None = Field(
         None,
         ge=0.0,
-        le=THICKEST,
+        le=HIGHEST,
         description="Height of the lower edge above the floor, metres, in space; null: 0",
     )
     top: float | None = Field(
         None,
         gt=0.0,
-        le=THICKEST,
+        le=HIGHEST,
         description="Height of the upper edge, metres, in space; null: that of the building",
     )
 

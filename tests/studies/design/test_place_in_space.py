@@ -101,6 +101,23 @@ def test_nothing_reflects_in_a_mesh() -> None:
         PlaceRules(kind="tag", reflective=True).suited(env)
 
 
+def test_a_mesh_cannot_be_aged() -> None:
+    env, rng = meshed(), np.random.default_rng(1)
+    amap = an.build_map(env, LASER, SPACING, store=False)
+    with pytest.raises(InputError, match=r"--aged: .* is a mesh.*leave this out"):
+        place_obstacles(env, LASER, amap, POSTS, 2, find_reach(env, 0.2), rng=rng, aged=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", [tall, meshed])
+def test_a_top_at_the_height_of_the_scanner_helps(made) -> None:
+    env = made()
+    study = placed(env, rules=replace(POSTS, top=0.3))
+    bad = sum(share.area for share in study.after.zone_shares()[2:])
+    assert study.placement.after.bad == pytest.approx(bad, abs=2.5)
+    assert study.placement.after.bad < 0.5 * study.placement.before.bad
+
+
 def test_heights_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match=r"--top: .* is a plan, without heights; .*--extrude M"):
         replace(POSTS, top=1.0).suited(hall())
@@ -108,7 +125,7 @@ def test_heights_that_cannot_be_are_refused() -> None:
         replace(POSTS, bottom=1.0).suited(hall())
     with pytest.raises(InputError, match=r"--bottom: 2\.5 is not below the top of .*, 2\.5 m"):
         replace(POSTS, bottom=2.5).suited(tall())
-    with pytest.raises(InputError, match=r"--top: 0\.5 is not above the bottom of 0\.5"):
+    with pytest.raises(InputError, match=r"--top: 0\.5 is not above the bottom of 0\.5, or"):
         replace(POSTS, bottom=0.5, top=0.5)
     with pytest.raises(InputError, match="--bottom: -1 is below the floor"):
         replace(POSTS, bottom=-1.0)

@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 import shapely
 
-from ambinav.buildings.obstacle_file import DrawnObstacle
+from ambinav.buildings.obstacle_file import HIGHEST, DrawnObstacle
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import as_number
 from ambinav.geometry.edit_in_space import top_of
@@ -64,9 +64,10 @@ class PlaceRules:
             raise InputError(
                 f"--bottom: {self.bottom:g} is below the floor; give 0 or more metres."
             )
-        if self.top is not None and not self.bottom < as_number(self.top, "top"):
+        if self.top is not None and not self.bottom < as_number(self.top, "top") <= HIGHEST:
             raise InputError(
-                f"--top: {self.top:g} is not above the bottom of {self.bottom:g}; give more metres."
+                f"--top: {self.top:g} is not above the bottom of {self.bottom:g}, or above "
+                f"{HIGHEST:g}; give metres between."
             )
         if self.kind == "post" and 2.0 * self.radius >= self.min_passage:
             raise InputError(

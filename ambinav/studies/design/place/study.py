@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.casting.mesh.mesh import Mesh
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -132,7 +133,7 @@ def place_obstacles(
     Raises:
         InputError: a tag for a scanner without an intensity channel, a passage narrower than the
             robot, no bad floor in the regions, fewer places than obstacles, aged buildings
-            without `rng`, or see `PlaceRules.suited` and `Positions`.
+            without `rng` or of a mesh, or see `PlaceRules.suited` and `Positions`.
     """
     rules = rules.suited(environment)
     regions = tuple(regions) or (Region.of_map(),)
@@ -145,6 +146,11 @@ def place_obstacles(
         )
     if aged and rng is None:
         raise InputError(f"aged: {aged} buildings cannot be drawn without rng; give a generator.")
+    if aged and isinstance(environment.space, Mesh):
+        raise InputError(
+            f"--aged: {environment.name} is a mesh, whose walls and furniture are not known; leave "
+            "this out."
+        )
     check_passage(rules, reach)
     if len({region.unit for region in regions}) > 1:
         raise InputError(
