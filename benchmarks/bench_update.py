@@ -1,8 +1,9 @@
 """Maps of a changed building: `AmbiguityMap.update` against a whole build, time and values.
 
 Walls of 2 m are put at random on the floor, one in the middle of the widest room, and in the end
-posts all over it, all at once. Timed are the edit and the update together, and a build of the same changed building, each with nothing prepared
-but the map before; every layer of the two maps is compared. Processor time is that of all threads.
+posts all over it, all at once. Timed are the edit and the update together, and a build of the same
+changed building, each with nothing prepared but the map before; every layer of the two maps is
+compared. Processor time is that of all threads.
 """
 
 from __future__ import annotations
