@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from pydantic import Field
 
+from ambinav.geometry.environment import Environment
 from ambinav.reports.fields import Part, rounded
 from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
 from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
@@ -160,7 +161,7 @@ def document(study: Remedy, asked: int) -> Document:
         asked=asked,
         obstacles=obstacles,
         improved=tuple(map(ImprovedPart.of, _improved(study))),
-        rules=rules_part(rules, len(study.trials.candidates), study.environment.space is not None),
+        rules=rules_part(rules, len(study.trials.candidates), study.environment),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
@@ -185,13 +186,13 @@ def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
     return most_improved(study.amap, study.after, study.parts, within)
 
 
-def rules_part(rules: PlaceRules, candidates: int, in_space: bool = False) -> RulesPart:
+def rules_part(rules: PlaceRules, candidates: int, environment: Environment) -> RulesPart:
     """Return the rules for obstacles of a kind, with the number of places that were tried."""
     return RulesPart.of(
         rules,
         radius_m=rules.radius if rules.kind == "post" else None,
         width_m=None if rules.kind == "post" else rules.width,
-        bottom_m=rules.bottom if in_space else None,
+        bottom_m=None if environment.space is None else rules.bottom,
         top_m=rules.top,
         free_standing=rules.free_standing and rules.kind != "tag",
         candidates=candidates,

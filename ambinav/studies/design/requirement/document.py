@@ -146,7 +146,7 @@ def document(solution: Solution) -> Document:
         ),
         prices={str(kind): price for kind, price in terms.prices.items()},
         rules=tuple(
-            rules_part(rules, rules.most)
+            rules_part(rules, rules.most, solution.environment)
             for rules in (terms.rules(kind, hardware) for kind in terms.most)
         ),
         states=len({(each.hardware, frozenset(each.obstacles)) for each in solution.states}),
