@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
-from ambinav.casting.prisms.prisms import Prisms
+from ambinav.casting.prisms.prisms import Prisms, Solid
+from ambinav.casting.solids import with_solids
 from ambinav.demo import DEMO_BUILDING
 from ambinav.drive.clutter import with_obstacles
 from ambinav.drive.readings import Readings
@@ -130,6 +132,31 @@ def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(
     assert moved > 0.1 if moments > 1 else moved == 0.0
 
 
+@pytest.mark.parametrize("localizer", ["perfect", "ekf", "mcl"])
+def test_sonars_read_the_nearest_echo_in_their_cones(localizer: str) -> None:
+    """As `RangeScanner.scan` has it: below a table top, over a floor that is met too flatly."""
+    plan, building = tall().plan, tall()
+    top = Solid(shapely.box(8.0, 5.0, 10.0, 7.0), 0.7, 0.75)
+    assert isinstance(building.space, Prisms)
+    building = plan.in_space(with_solids(building.space, [top]))
+    cone = RangeSensor(
+        max_range=5.0, std=0.0, resolution=1e-5, aperture=math.radians(25.0), random_share=0.0,
+        max_incidence=math.radians(40.0),
+    )  # fmt: skip
+    ring = RangeScanner.ring(cone, 8, 0.15).raised(0.4)
+    env = NavigationEnv(map=building, scanner=ring, localizer=localizer, window=False)
+    env.reset(seed=4, options={"start": (9.0, 6.0, 0.5), "goal": (12.0, 6.0)})
+    for _ in range(8):
+        env.step(np.array([0.2, 0.8]))
+        truth = env.simulation.state[0]["truth"]
+        expected = ring.scan(building, *truth)
+        readings = env.simulation.readings[0]
+        assert np.array_equal(np.isfinite(readings), np.isfinite(expected))
+        met = np.isfinite(expected)
+        assert met.any()
+        assert np.abs(readings[met] - expected[met]).max() < 2e-5
+
+
 def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
     plan = two_doors()
     building = plan.in_space(extruded(plan, 2.5))
@@ -200,7 +227,7 @@ def test_a_robot_is_localized_in_a_mesh_by_ranges_looked_up() -> None:
 
 
 def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:
-    with pytest.raises(InputError, match=r"it is a mesh.*no localizer casts rays; give prisms"):
+    with pytest.raises(InputError, match=r"it is a mesh.*no kernel casts rays; give prisms"):
         episode(furnished()[1], LASER)
     with pytest.raises(InputError, match="give the mount a height"):
         episode(tall(), LASER.raised(-0.4))

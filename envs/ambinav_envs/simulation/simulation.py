@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -108,8 +109,9 @@ class Simulation:
         self.tasks: list[Task | None] = [None] * count
         self._scanner = scanner_arrays(parameters.scanner)
         self._known = Sites(parameters, self._scanner)
-        # For the threads: each takes one while it works.
-        self._scratch: list[Scratch] = []
+        # For the threads, each of which takes one while it works; by the number of rays, of which
+        # cones have more in space.
+        self._scratch: defaultdict[int, list[Scratch]] = defaultdict(list)
         # The site number of each robot.
         self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
@@ -322,17 +324,19 @@ class Simulation:
         rows, ends = self._by_building(rows)
 
         def advance_rows(low: int, high: int) -> None:
-            try:
-                scratch = self._scratch.pop()
-            except IndexError:
-                scratch = self._new_scratch()
             while low < high:
                 end = min(ends[bisect_right(ends, low)], high)
                 site = self.sites[rows[low]]
                 assert site is not None
+                rays = len(site.record.cast.cosine)
+                unused = self._scratch[rays]
+                try:
+                    scratch = unused.pop()
+                except IndexError:
+                    scratch = scratch_for(self.parameters.scanner.beams, rays)
                 work(rows[low:end], site, parts, out, actions, scratch)
+                unused.append(scratch)
                 low = end
-            self._scratch.append(scratch)
 
         work, least = self._kernel, SHARED
         if self._filters is not None:
@@ -387,11 +391,6 @@ class Simulation:
             )  # fmt: skip
             if full >= 0:
                 self._refuse(full)
-
-    def _new_scratch(self) -> Scratch:
-        rays = self.parameters.scanner.rays()
-        scratch: Scratch = scratch_for(self.parameters.scanner.beams, len(rays.angle))
-        return scratch
 
     def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
         """Sort robots by building; return them, and where each building's robots end."""

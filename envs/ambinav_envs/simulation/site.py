@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
-from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.aliases import Aliases
 from ambinav_envs.buildings.building import Building
@@ -134,8 +132,7 @@ class Sites:
         """Return the prepared site of a building.
 
         Raises:
-            InputError: it is a mesh and the localizer casts rays, or it is made of prisms and the
-                scanner's beams are cones.
+            InputError: it is a mesh and the localizer casts rays.
         """
         site = self._sites.get(building.key)
         if site is None or site.building is not building:
@@ -154,12 +151,6 @@ class Sites:
         scanner, localizer = self._parameters.scanner, self._parameters.localizer
         if isinstance(environment.space, Mesh) and localizer != LOCALIZERS[EKF]:
             return cast_tables(environment.plan, scanner, self._beams[:0])
-        if isinstance(environment.space, Prisms) and scanner.kind != "laser":
-            raise InputError(
-                f"{environment.name}: it is a building of prisms, where environments do not "
-                f"simulate cones, as scanner {scanner.name!r} has; give lasers, or the building's "
-                "plan, in Python environment.plan."
-            )
         return cast_tables(environment, scanner, self._beams)
 
     def _noise_in(self, environment: Environment) -> Noise:
