@@ -3,7 +3,8 @@
 In each building 16 routes are sampled between random places, and the two on which most robots with
 the turtlebot3-lds and poor odometry get lost by the forecast are the trips. Maps have cells of
 0.2 m. Allowed are six posts (40 each), three panels (60) and the rplidar-a1 (400); the costs are
-invented.
+invented. With `--extrude` walls have a height, the scanner is at 0.2 m, and what is put up is 1.2 m
+high.
 
 - The advice is driven again, with other random numbers than those that confirmed it: 300 drives a
   trip, paired before and after, with the localizer that it is for and with two others that the
@@ -23,7 +24,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,12 +38,14 @@ from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.extrude import extruded
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import graph_step, sample_routes
 from ambinav.sensing.robot_radius import robot_radius
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.place.candidates import PlaceRules
 from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.document import money, state_label
 from ambinav.studies.design.requirement.requirement import Requirement
@@ -63,6 +66,8 @@ REQUIRED = Requirement.parse("lost < 5 %")
 SAMPLED, TRIPS = 16, 2
 DRIVEN = ("product", "amcl", "ekf")
 """Localizers that drive; the advice is for one of the first two."""
+MOUNT, TOP = 0.2, 1.2
+"""Heights of the scanner and of what is put up in a building in space, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +82,14 @@ class Case:
     def solve(self, may: str, **how: Any) -> Solution:
         """Return the advice."""
         return meet_requirement(
-            self.environment, self.scanner, mapped, Allowed.parse(may), COSTS, rules_of,
+            self.environment, self.scanner, mapped, Allowed.parse(may), COSTS, self.rules,
             self.reach, **how,
         )  # fmt: skip
+
+    def rules(self, kind: Any, scanner: RangeScanner) -> PlaceRules:
+        """Return the rules for obstacles of a kind."""
+        top = None if self.environment.space is None else TOP
+        return replace(rules_of(kind, scanner), top=top)
 
     def lost(self, posts: Sequence[Any]) -> float:
         """Return the forecast share of lost robots on the worst trip with some posts."""
@@ -103,6 +113,7 @@ def main() -> None:
         drives=300,
         random=20,
         seed=1,
+        extrude=option(0.0, "height of walls, metres, for buildings in space"),
     )
     advice, driven, rivals = [], [], []
     for name in args.environments:
@@ -142,6 +153,9 @@ def main() -> None:
 def case_of(name: str, args: Any) -> Case:
     """Return a building with the trips on which most robots get lost."""
     environment, scanner = building(name), RangeScanner.from_preset(SCANNER)
+    if args.extrude:
+        environment = environment.in_space(extruded(environment, args.extrude))
+        scanner = scanner.raised(MOUNT)
     reach = find_reach(environment, robot_radius(scanner))
     routes = sample_routes(
         environment, reach, SAMPLED, np.random.default_rng(0), step=graph_step(reach, STEP)
