@@ -3,7 +3,7 @@
     python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
 
 Requests follow the document's schemas or break them on purpose; most of them name a map and a
-layer that there are. Every answer must have a status, a type and a body that the document knows.
+layer that there are, in rounds by turns a map of a plan and one of a building in space. Every answer must have a status, a type and a body that the document knows.
 Plans and audits are asked for too, under limits that end them soon.
 """
 
@@ -67,7 +67,8 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
         next((share for end, share in SLOW.items() if route.path.endswith(end)), 1.0)
         for route in operations
     ]
-    map_id = _first_map(url)
+    maps = httpx.get(f"{url}/v1/maps", timeout=60).json()["maps"]
+    map_id = str(maps[seed % len(maps)]["id"])
     for operation, share in zip(operations, shares, strict=True):
         known = {"id": map_id} if "/maps/{id}" in operation.path else {}
         known |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
@@ -75,10 +76,6 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
         for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
             for path, part in ((known, KNOWN_SHARE), ({}, 1.0 - KNOWN_SHARE)):
                 _ask(operation, mode, path, max(round(each * part), 1), seed, counts)
-
-
-def _first_map(url: str) -> str:
-    return str(httpx.get(f"{url}/v1/maps", timeout=60).json()["maps"][0]["id"])
 
 
 def _ask(
@@ -118,7 +115,7 @@ def _ask(
 
 
 def main() -> None:
-    """Fuzz a server of a small map, and write the report."""
+    """Fuzz a server of two small maps, and write the report."""
     from service import serving_app
 
     args = arguments(__doc__, cases=100_000, seed=0)
@@ -126,9 +123,14 @@ def main() -> None:
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=24, aperture=3.0
     )
-    amap = an.build_map(environment, scanner, spacing=0.25, headings=4, store=False)
+    walls = an.environment_from_shapes([shapely.box(0, 0, 6, 3)], name="hall")
+    tall = walls.in_space(an.extruded(walls, 2.5))
+    maps = [
+        an.build_map(building, mounted, spacing=0.25, headings=4, store=False)
+        for building, mounted in ((environment, scanner), (tall, scanner.raised(0.3)))
+    ]
     begun, counts = time.monotonic(), Counter[int]()
-    with serving_app([amap], limits=LIMITS) as url:
+    with serving_app(maps, limits=LIMITS) as url:
         seed = args.seed
         while counts.total() < args.cases:
             fuzz(url, min(ROUND, 2 * (args.cases - counts.total()) + 100), seed, counts)
