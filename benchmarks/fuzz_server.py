@@ -3,8 +3,9 @@
     python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
 
 Requests follow the document's schemas or break them on purpose; most of them name a map and a
-layer that there are, in rounds by turns a map of a plan and one of a building in space. Every answer must have a status, a type and a body that the document knows.
-Plans and audits are asked for too, under limits that end them soon.
+layer that there are, in rounds by turns a map of a plan and one of a building in space. Every
+answer must have a status, a type and a body that the document knows. Plans and audits are asked
+for too, under limits that end them soon.
 """
 
 from __future__ import annotations
