@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import shapely
@@ -13,8 +15,12 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Sheets, Solid
 from ambinav.casting.space import SpaceCaster
+from ambinav.runtime.errors import InputError
 
 Bytes = NDArray[np.uint8]
+
+# What numpy raises for files that are cut off or damaged.
+DAMAGED: Final = (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile)
 
 
 def packed(space: SpaceCaster) -> Bytes | None:
@@ -45,8 +51,15 @@ def unpacked(data: Bytes) -> SpaceCaster:
     """Return the building that `packed` has made bytes of, equal to the last bit.
 
     Raises:
-        ValueError: these are no such bytes.
+        InputError: these are no such bytes.
     """
+    try:
+        return _unpacked(data)
+    except (*DAMAGED, shapely.errors.ShapelyError) as error:
+        raise InputError(f"these bytes are no building in space ({error})") from error
+
+
+def _unpacked(data: Bytes) -> SpaceCaster:
     with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:
         if "faces" in arrays:
             name, *notes = arrays["text"].tolist()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +89,7 @@ def _space(dataset: xr.Dataset, source: str) -> SpaceCaster | None:
         return _LostSpace(source, checksum)
     try:
         return unpacked(dataset["space"].values)
-    except (ValueError, KeyError, OSError, zipfile.BadZipFile, InputError) as error:
+    except InputError as error:
         raise InputError(
             f"{source}: space, the building in space, cannot be read ({error}); make the map again "
             "with `ambinav map`."

@@ -357,10 +357,13 @@ def test_a_map_without_its_building_does_not_pass_for_a_plan() -> None:
         amap.update(env.edited([Obstacle.post(2.0, 2.0, 0.1)]))
     with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
         amap.environment.edited([Obstacle.post(2.0, 2.0, 0.1)])
-    half = data["space"].values[: len(data["space"]) // 2]
-    broken = data.drop_vars("space").assign(space=("space_byte", half))
-    with pytest.raises(InputError, match=r"space, the building in space, cannot be read"):
-        AmbiguityMap(broken, source="room.zarr").environment  # noqa: B018
+    whole = data["space"].values
+    odd = whole.copy()
+    odd[len(odd) // 3] ^= 255
+    for part in (whole[: len(whole) // 2], whole[:0], odd, np.arange(9, dtype=np.uint8)):
+        broken = data.drop_vars("space").assign(space=("space_byte", part))
+        with pytest.raises(InputError, match=r"space, the building in space, cannot be read"):
+            AmbiguityMap(broken, source="room.zarr").environment  # noqa: B018
 
 
 def test_stored_maps_are_told_apart_by_what_stands_in_space() -> None:
