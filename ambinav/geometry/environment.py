@@ -429,15 +429,15 @@ class Environment:
         """
         before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
         after, changed = applied(before, add, remove)
-        space = self.space
-        if space is not None and (len(add) or remove is not None):
+        space, content = self.space, [after.segments, after.free, after.drivable]
+        if space is not None:
+            known = space.checksum
             space = edited_space(space, self.floor, before, after, add, remove)
-            changed |= self.space is None or space.checksum != self.space.checksum
+            changed |= space.checksum != known
+            content.append(space.checksum)
         if not changed and name in (None, self.name):
             return self
-        away = "" if remove is None else ", a part removed"
-        done = f"Edited: {len(add)} obstacles added{away}."
-        content = (after.segments, after.free, after.drivable)
+        done = f"Edited: {len(add)} obstacles added{'' if remove is None else ', a part removed'}."
         return Environment(
             after.segments,
             after.free,

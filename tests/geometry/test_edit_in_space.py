@@ -68,6 +68,8 @@ def test_rays_pass_over_a_low_obstacle_and_under_a_high_one() -> None:
         distance, _ = env.space.cast([(2.0, 2.0, 0.5), (2.0, 2.0, 1.5)], (1.0, 0.0, 0.0), 9.0)
         np.testing.assert_allclose(distance, [seen_low, seen_high], atol=1e-3)
         assert not env.is_free(4.0, 2.0, 0.1)
+    higher = room.edited([Obstacle.post(4.0, 2.0, 0.2).between(0.0, 1.1)])
+    assert len({room.checksum, low.checksum, higher.checksum}) == 3
 
 
 @pytest.mark.parametrize("top", [0.9, None])
