@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.casting.added import AddedWalls
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.casting.plane.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import repeated, row_keys

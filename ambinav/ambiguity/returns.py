@@ -17,7 +17,7 @@ from ambinav.ambiguity.indistinguishability import (
     most_evidence,
 )
 from ambinav.ambiguity.intensity_returns import intensity_returns
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.casting.scans import check_rays, scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, REFLECTOR

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.sight import GRAZE, HIDDEN
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.sensing.rays import RayTable
 

@@ -12,7 +12,7 @@ from ambinav.ambiguity.changes import Changes, changed_faces, comparable
 from ambinav.ambiguity.returns import BEYOND, panorama_returns
 from ambinav.ambiguity.sight import GRAZE, SightRays, sees
 from ambinav.ambiguity.sight_in_space import sees_in_space
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext

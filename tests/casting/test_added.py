@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.casting.space import SpaceRays
 from ambinav.geometry.segments import edges_of

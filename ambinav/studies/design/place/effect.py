@@ -24,7 +24,7 @@ from ambinav.ambiguity.feasible_poses import TOUCHING
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
 from ambinav.ambiguity.returns import BEYOND, panorama_returns
 from ambinav.ambiguity.tensor import classify, relative_radii
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.obstacle import Obstacle

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.added import AddedWalls
 from ambinav.geometry.edit_in_space import bodies_of, top_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
