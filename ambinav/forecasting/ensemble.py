@@ -48,6 +48,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.filter_state import covariance_roots, filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.mesh_rays import MeshRays
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
@@ -263,7 +264,8 @@ class EnsembleRunner:
         if isinstance(made, MonteCarloLocalizer) and not made.reads_intensities:
             self._particles = made
         if isinstance(made, ExtendedKalmanFilter) and not made.reads_intensities:
-            self._kalman = made
+            # In a mesh rays are cast outside of kernels.
+            self._kalman = None if isinstance(made.cast, MeshRays) else made
         empty = people is None or people.count == 0
         self.compiled = empty and (self._particles or self._kalman) is not None
         self._quick, beams = None, None

@@ -25,9 +25,11 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.mcl_update import weigh
 from ambinav.localization.parameters import MclParameters
+from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
-from ambinav.sensing import RangeScanner
+from ambinav.sensing import RangeScanner, RangeSensor
 from tests.drive.cases import laser, route_through
+from tests.geometry.furnished import furnished
 from tests.geometry.scenes import environment, room
 
 ROUTE = route_through([[1.5, 1.5], [6.0, 1.5], [6.0, 5.0]])
@@ -269,3 +271,19 @@ def test_refuses_what_it_cannot_use(hall: Environment) -> None:
         EnsembleRunner(hall, SCANNER, "odometry", rate=0.0)
     with pytest.raises(InputError, match="localizer"):
         EnsembleRunner(hall, SCANNER, "no such")
+
+
+@pytest.mark.slow
+def test_a_kalman_filter_is_driven_in_a_mesh_as_in_prisms() -> None:
+    """There outside of kernels, with other random numbers."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
+    raised = RangeScanner.planar(sensor, 60, math.tau, (0.0, 0.0, 0.003)).raised(0.4)
+    route = Route.through([(1.0, 0.6), (4.5, 0.6)])
+    spreads = []
+    for env, compiled in zip(furnished(), (True, False), strict=True):
+        runner = EnsembleRunner(env, raised, "ekf")
+        assert runner.compiled == compiled
+        errors = runner.drive(route, np.random.default_rng(1), 32).error
+        spreads.append(float(np.sqrt((errors[:, 5:, :2] ** 2).sum(axis=-1).mean())))
+    assert spreads[1] == pytest.approx(spreads[0], rel=0.5)
+    assert max(spreads) < 0.05
