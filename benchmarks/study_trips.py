@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from harness import arguments, option, report, table
 from lost_case import building
-from study_requirements import SPACING, random_posts, rules_of
+from study_requirements import SPACING, random_obstacles, rules_of
 
 from ambinav.drive.bootstrap import share
 from ambinav.drive.odometries import ODOMETRIES
@@ -212,7 +212,8 @@ def against_rivals(case: Case, count: int, seed: int) -> tuple[str, ...]:
     )  # fmt: skip
     places = search.try_places(lambda text: lambda share: None)[0]["post"].candidates
     rng = np.random.default_rng(seed)
-    drawn = [case.lost(random_posts(places, posts, rng)) for _ in range(count)]
+    terms, passage = replace(solution.terms, most={"post": posts}), PlaceRules().min_passage
+    drawn = [case.lost(random_obstacles(places, terms, passage, rng)) for _ in range(count)]
     advised = float(solution.after.state.lost.max())
     return (
         str(posts),
