@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -312,6 +313,47 @@ def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
         assert other.faults == []
         for each in (page, other):
             each.context.close()
+
+
+def test_two_people_edit_one_session(chromium: Any, plan_map: Path) -> None:
+    with running(create_app([plan_map])) as live:
+        pages = [visit(chromium, f"{live.url}/?map=map&session=shared") for _ in range(2)]
+        for page in pages:
+            page.context.set_default_timeout(60_000)
+            page.get_by_role("tab", name="Edit").click()
+        one, two = pages
+        first, second, third = at(one, 7.0, 1.7), at(one, 4.0, 1.7), at(two, 9.0, 1.7)
+        for page in pages:
+            tool(page, "Post")
+        one.mouse.click(*first)
+        shown(one, 1)
+        shown(two, 1)  # without being asked for
+        assert "Somebody else has changed" in two.locator("#panel-edit .message").inner_text()
+        assert entries(two) == entries(one)
+        # Both at once: one of them is first, and both show the same in the end.
+        one.mouse.click(*second)
+        two.mouse.click(*third)
+        for page in pages:
+            page.wait_for_function("() => !document.querySelector('#panel-edit[aria-busy]')")
+        end = time.monotonic() + 30.0
+        while entries(one) != entries(two):
+            assert time.monotonic() < end, [entries(page) for page in pages]
+            one.wait_for_timeout(200)
+        assert len(entries(one)) == 2
+        late = next(
+            page
+            for page in pages
+            if "Somebody else" in page.locator("#panel-edit .message").inner_text()
+        )
+        shared = entries(late)
+        late.get_by_role("button", name="Undo").click()  # brings back what the other one outran
+        shown(late, 2)
+        assert entries(late) != shared
+        one.get_by_role("button", name="Reset").click()
+        for page in pages:
+            page.wait_for_selector(".map[data-version=map]")
+            assert [fault for fault in page.faults if "(Conflict)" not in fault] == []
+            page.context.close()
 
 
 def at_middle(page: Any, right: float) -> tuple[float, float]:

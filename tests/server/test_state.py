@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import ambinav as an
 from ambinav.cli import app
 from ambinav.server.http.app import create_app
-from ambinav.server.jobs.state import FILE, MOST_STARTS, State
+from ambinav.server.jobs.state import FILE, MOST_STARTS, StaleStepError, State
 from tests.server.live import Live, running
 from tests.server.test_cli_serve import started
 
@@ -68,6 +68,42 @@ def test_a_session_is_undone_and_redone(live: Live) -> None:
     assert live.get(SESSION)["position"] == 0
 
 
+def test_an_edit_says_which_step_it_goes_on_from(live: Live) -> None:
+    def post(x: float, **query: Any) -> Any:
+        query = {"session": "both", **query}
+        return live.http.post("/v1/maps/map/edits", params=query, json=post_at(x))
+
+    assert post(2.0, after=0).json()["step"] == 1
+    assert post(2.2, after=1).json()["step"] == 2
+    late = post(2.4, after=1)
+    assert late.status_code == 409 and late.json()["field"] == "after"
+    assert "at step 2 meanwhile" in late.json()["detail"]
+    assert post(2.2, after=2).json()["step"] == 2  # the same again is no step
+    assert post(2.4, draft=True).json()["step"] is None
+    undone = live.http.post("/v1/maps/map/sessions/both/undo").json()
+    assert undone["step"] == 1
+    assert post(2.6, after=2).status_code == 409
+    assert post(2.6, after=-1).status_code == 422
+    assert post(2.6).json()["step"] == 2  # who does not ask is not refused
+    none = live.http.post("/v1/maps/map/edits", json=post_at(2.6)).json()
+    assert none["step"] is None
+
+
+def test_of_two_edits_from_one_step_one_is_kept(tmp_path: Path) -> None:
+    state = State(tmp_path)
+    assert state.keep_edit("map--a", "map", "{}", "s", after=0) == 1
+    with pytest.raises(StaleStepError):
+        state.keep_edit("map--b", "map", "{}", "s", after=0)
+    assert [name for _, name, *_ in state.steps("s", "map")[1]] == ["map--a"]
+    assert state.obstacles_of("map--b") is None
+    # Who has not heard of its own last step may go on all the same.
+    assert state.keep_edit("map--c", "map", "{}", "s", after=1, editor="me") == 2
+    assert state.keep_edit("map--d", "map", "{}", "s", after=1, editor="me") == 3
+    with pytest.raises(StaleStepError):
+        state.check_step(1, "you", "s", "map")
+    state.close()
+
+
 @pytest.mark.slow
 def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"
@@ -93,6 +129,7 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
         of_edited = http.post(f"/v1/maps/{edited}/plans", json=ends).headers["location"]
         plan = http.post("/v1/maps/map/plans", json=ends)
         assert plan.status_code == 202, plan.text
+        front = http.post("/v1/maps/map/plans", json={**ends, "weights": [0.0, 5.0]})
         audits = [
             http.post(
                 "/v1/audits",
@@ -109,6 +146,8 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
         assert not (state / "audit-left").exists()
         found = ended(http, plan.headers["location"])
         assert found["state"] == "done" and found["route"]["length"] > 9.0, found
+        routes = ended(http, front.headers["location"])
+        assert routes["route"] is None and [each["weight"] for each in routes["front"]] == [0, 5]
         of_edit = ended(http, of_edited)  # whose map is computed again
         assert of_edit["state"] == "done", of_edit
         audit = ended(http, audits[0])

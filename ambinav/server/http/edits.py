@@ -33,6 +33,10 @@ router = APIRouter(prefix="/v1/maps/{id}", tags=["editing"])
 
 BAD: Final = (CORRIDOR, OPEN)
 """Zones in which a robot may get lost."""
+NAME: Final = "^[A-Za-z0-9_-]{1,64}$"
+"""Pattern of names of sessions and editors."""
+MOST_STEPS: Final = 2**53
+"""Larger numbers are not exact in JSON."""
 
 
 class _GeoJsonPart(BaseModel):
@@ -131,6 +135,7 @@ class Edited(BaseModel):
     zones: list[ZoneChange]
     bad_before_m2: float = Field(description="Area of corridor and open zones, original map")
     bad_after_m2: float = Field(description="Area of corridor and open zones, edited map")
+    step: int | None = Field(description="Its step of the session; null: it is none")
     seconds: float = Field(description="Computing time; almost 0 for a map that was still kept")
 
 
@@ -138,7 +143,7 @@ Session = Annotated[
     str | None,
     Query(
         description="Any name; only the latest edit of a session is computed",
-        pattern="^[A-Za-z0-9_-]{1,64}$",
+        pattern=NAME,
     ),
 ]
 
@@ -157,6 +162,21 @@ async def post_edits(
     draft: Annotated[
         bool, Query(description="True: no step of the session, as while something is dragged")
     ] = False,
+    after: Annotated[
+        int | None,
+        Query(
+            ge=0,
+            le=MOST_STEPS,
+            description="Step that the session was at when it was last seen; if somebody else has "
+            "changed it since, the answer is 409",
+        ),
+    ] = None,
+    editor: Annotated[
+        str | None,
+        Query(
+            description="Any name of who edits: own steps are none of somebody else", pattern=NAME
+        ),
+    ] = None,
 ) -> Response:
     """Add obstacles to a map's building; another process computes the map around them.
 
@@ -176,8 +196,10 @@ async def post_edits(
 
     async def work() -> Edited:
         begun = time.monotonic()
-        edited = await context.edits.find(base, obstacles, session, draft=draft)
-        return await edited_answer(context, base, edited, time.monotonic() - begun)
+        edited, step = await context.edits.find(
+            base, obstacles, session, draft=draft, after=after, editor=editor
+        )
+        return await edited_answer(context, base, edited, step, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 
@@ -219,7 +241,7 @@ def _checked(
 
 
 async def edited_answer(
-    context: Context, base: ServedMap, edited: ServedMap, seconds: float
+    context: Context, base: ServedMap, edited: ServedMap, step: int | None, seconds: float
 ) -> Edited:
     """Return the answer about an edited map."""
     before = await context.once(base, "areas", _areas)
@@ -234,6 +256,7 @@ async def edited_answer(
         ],
         bad_before_m2=sum(before[code] for code in BAD),
         bad_after_m2=sum(after[code] for code in BAD),
+        step=step,
         seconds=seconds,
     )
 

@@ -73,6 +73,16 @@ class ParetoRequest(_StartAndGoal):
     )
 
 
+class KeptPlanRequest(PlanRequest):
+    """A request for one route, or for one for each weight, that nobody waits for."""
+
+    weights: Column | None = Field(
+        None,
+        min_length=2,
+        description="One route for each of them, as `pareto`; null: one route at `weight`",
+    )
+
+
 class LossStretch(BaseModel):
     """A stretch of a route on which robots get lost."""
 
@@ -139,6 +149,9 @@ class PlanInfo(BaseModel):
     map: str = Field(description="Id of the map")
     state: Literal["waiting", "done", "failed"]
     route: PlannedRoute | None = Field(description="The route, when the plan is done")
+    front: list[PlannedRoute] | None = Field(
+        description="The routes of a plan with `weights`, sorted by weight, when it is done"
+    )
     detail: str | None = Field(description="Reason of the failure, in a sentence")
 
 
@@ -159,11 +172,6 @@ async def post_plan(request: Request, id: str, content: PlanRequest) -> Response
 )
 async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Response:
     """Plan one route for each weight; sorted by weight. Otherwise as `plan`."""
-    most = context_of(request).limits.weights
-    if len(content.weights) > most:
-        raise Problem(422, f"There are more than {most} weights; give fewer.", field="weights")
-    if not all(0.0 <= weight <= 1e6 for weight in content.weights):
-        raise Problem(422, "A weight is out of range; give weights from 0 to 1e6.", field="weights")
     return await _planned(request, id, content, DEFAULT_WEIGHT, tuple(content.weights))
 
 
@@ -174,13 +182,14 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
     response_model=PlanInfo,
     responses=_ANSWERS,
 )
-async def post_plans(request: Request, id: str, content: PlanRequest) -> Response:
+async def post_plans(request: Request, id: str, content: KeptPlanRequest) -> Response:
     """Start a plan whose result is kept; `GET /v1/plans/ID` has it when it is done.
 
     If the server was started with `--state`, the plan and its result survive a restart.
     """
     context = context_of(request)
-    served, task = await _task(request, id, content, content.weight, None)
+    weights = None if content.weights is None else tuple(content.weights)
+    served, task = await _task(request, id, content, content.weight, weights)
     most = context.limits.client_jobs
     job = await context.plan_jobs.begin(served, task, client_of(request.scope), most)
     headers = {"location": f"{context.prefix}/v1/plans/{job.id}"}
@@ -191,7 +200,7 @@ async def post_plans(request: Request, id: str, content: PlanRequest) -> Respons
 
 @kept.get("/{id}", summary="A plan", response_model=PlanInfo, responses=answers(401, 404))
 async def get_plan(request: Request, id: str) -> Response:
-    """Return the state of a plan, and its route when it is done."""
+    """Return the state of a plan, and its route or front when it is done."""
     return as_json(_info(context_of(request).plan_jobs.get(id)))
 
 
@@ -209,7 +218,15 @@ async def delete_plan(request: Request, id: str) -> Response:
 
 
 def _info(job: PlanJob) -> PlanInfo:
-    return PlanInfo(id=job.id, map=job.map, state=job.state, route=job.routes, detail=job.detail)
+    is_front = isinstance(job.routes, list)
+    return PlanInfo(
+        id=job.id,
+        map=job.map,
+        state=job.state,
+        route=None if is_front else job.routes,
+        front=job.routes if is_front else None,
+        detail=job.detail,
+    )
 
 
 async def _planned(
@@ -250,6 +267,17 @@ async def _task(
             f"{context.limits.plan_seconds:g} s.",
             field="time_s",
         )
+    if weights is not None:
+        if len(weights) > context.limits.weights:
+            raise Problem(
+                422,
+                f"There are more than {context.limits.weights} weights; give fewer.",
+                field="weights",
+            )
+        if not all(0.0 <= each <= 1e6 for each in weights):
+            raise Problem(
+                422, "A weight is out of range; give weights from 0 to 1e6.", field="weights"
+            )
     for field, name, known in (
         ("odometry", content.odometry, tuple(ODOMETRIES)),
         ("localizer", content.localizer, localizer_classes()),  # never a file

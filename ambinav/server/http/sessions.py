@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from starlette.responses import Response
 
 from ambinav.server.http.context import Context, context_of
-from ambinav.server.http.edits import Edited, edited_answer
+from ambinav.server.http.edits import NAME, Edited, edited_answer
 from ambinav.server.http.models import as_json
 from ambinav.server.jobs.edit_sessions import EditedMap
 from ambinav.server.jobs.plan_jobs import while_connected
@@ -20,7 +20,7 @@ from ambinav.server.served import ServedMap
 
 router = APIRouter(prefix="/v1/maps/{id}/sessions/{session}", tags=["editing"])
 
-Name = Annotated[str, Path(description="Name of the session", pattern="^[A-Za-z0-9_-]{1,64}$")]
+Name = Annotated[str, Path(description="Name of the session", pattern=NAME)]
 
 _MOVES = answers(401, 403, 404, 409, 422, 429, 503, 504)
 
@@ -31,6 +31,7 @@ class Step(BaseModel):
     number: int = Field(description="From 1 on")
     map: str = Field(description="Id of the edited map; its obstacles are at `obstacles.geojson`")
     time: str = Field(description="Time of the edit, ISO 8601")
+    editor: str | None = Field(description="Name that its editor gave")
 
 
 class Session(BaseModel):
@@ -69,10 +70,15 @@ async def get_session(request: Request, id: str, session: Name) -> Response:
             session=session,
             map=base.name,
             position=position,
-            current={n: name for n, name, _ in steps}.get(position, base.name),
+            current={n: name for n, name, _, _ in steps}.get(position, base.name),
             steps=[
-                Step(number=n, map=name, time=datetime.fromtimestamp(created, UTC).isoformat())
-                for n, name, created in steps
+                Step(
+                    number=n,
+                    map=name,
+                    time=datetime.fromtimestamp(created, UTC).isoformat(),
+                    editor=editor,
+                )
+                for n, name, created, editor in steps
             ],
         )
     )
@@ -95,8 +101,8 @@ async def _moved(request: Request, id: str, session: str, by: int) -> Response:
 
     async def work() -> Edited:
         begun = time.monotonic()
-        found = await context.edits.moved(base, session, by)
-        return await edited_answer(context, base, found, time.monotonic() - begun)
+        found, step = await context.edits.moved(base, session, by)
+        return await edited_answer(context, base, found, step, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 

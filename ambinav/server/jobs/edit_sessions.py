@@ -22,7 +22,7 @@ from pydantic_core import to_json
 from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server.jobs.plan_jobs import PlanPool
-from ambinav.server.jobs.state import State
+from ambinav.server.jobs.state import StaleStepError, State
 from ambinav.server.jobs.workers import EditTask, Worker, edits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
@@ -32,6 +32,10 @@ from ambinav.server.wire import read_dataset
 STOP_SECONDS: Final = 10.0
 """In which a process leaves an edit that nobody waits for any more; else it is ended."""
 SUPERSEDED: Final = "A later edit of this session has replaced this one."
+STALE: Final = (
+    "The session is at step {0} meanwhile, changed by somebody else; get its obstacles, and edit "
+    "with after={0}."
+)
 
 Obstacles = tuple[DrawnObstacle, ...]
 
@@ -113,9 +117,16 @@ class Edits:
         self._numbers = itertools.count()
 
     async def find(
-        self, base: ServedMap, obstacles: Obstacles, session: str | None, *, draft: bool = True
-    ) -> ServedMap:
-        """Return the map with the obstacles; without any, the original.
+        self,
+        base: ServedMap,
+        obstacles: Obstacles,
+        session: str | None,
+        *,
+        draft: bool = True,
+        after: int | None = None,
+        editor: str | None = None,
+    ) -> tuple[ServedMap, int | None]:
+        """Return the map with the obstacles (without any, the original), and the session's step.
 
         For the original, a process is prepared for later edits.
 
@@ -124,10 +135,29 @@ class Edits:
             obstacles: Obstacles to add to its building.
             session: Session; only its latest edit is computed. None: no session.
             draft: Whether the edit is no step of the session.
+            after: Step that the session must be at, see `State.keep_edit`.
+            editor: Who makes the edit.
 
         Raises:
-            Problem: it cannot be had, or another edit of the session was asked for meanwhile.
+            Problem: it cannot be had, another edit of the session was asked for meanwhile, or the
+                session is at another step.
         """
+        try:
+            return await self._step(base, obstacles, session, draft, after, editor)
+        except StaleStepError as stale:
+            raise Problem(409, STALE.format(stale.position), field="after") from None
+
+    async def _step(
+        self,
+        base: ServedMap,
+        obstacles: Obstacles,
+        session: str | None,
+        draft: bool,
+        after: int | None,
+        editor: str | None,
+    ) -> tuple[ServedMap, int | None]:
+        if session is not None:
+            self.state.check_step(after, editor, session, base.name)
         task = asyncio.ensure_future(self._find(base, obstacles, session))
         if session is not None:
             before = self._latest.get(session)
@@ -138,8 +168,10 @@ class Edits:
         try:
             found = await asyncio.shield(task)
             text = to_json(collection(obstacles)).decode()
-            self.state.keep_edit(found.name, base.name, text, None if draft else session)
-            return found
+            step = self.state.keep_edit(
+                found.name, base.name, text, None if draft else session, after, editor
+            )
+            return found, step
         except asyncio.CancelledError:
             asking = asyncio.current_task()
             if asking is not None and asking.cancelling():
@@ -157,23 +189,24 @@ class Edits:
         if known is None:
             return self._maps.get(name)
         base = self._maps.get(known[0])
-        return await self.find(base, obstacles_of(json.loads(known[1]), "features"), None)
+        found, _ = await self.find(base, obstacles_of(json.loads(known[1]), "features"), None)
+        return found
 
-    async def moved(self, base: ServedMap, session: str, by: int) -> ServedMap:
-        """Undo (-1) or redo (+1) a step of a session, and return its map.
+    async def moved(self, base: ServedMap, session: str, by: int) -> tuple[ServedMap, int]:
+        """Undo (-1) or redo (+1) a step of a session, and return its map and its number.
 
         Raises:
             Problem: there is no such step, or its map cannot be computed.
         """
         position, steps = self.state.steps(session, base.name)
-        names = {number: name for number, name, _ in steps} | {0: base.name}
+        names = {number: name for number, name, _, _ in steps} | {0: base.name}
         name = names.get(position + by)
         if name is None:
             what = "undo" if by < 0 else "redo"
             raise Problem(409, f"The session {session!r} has no step to {what}.", field="session")
         found = base if name == base.name else await self.restored(name)
         self.state.move(session, base.name, position + by)
-        return found
+        return found, position + by
 
     def _over(self, session: str | None, task: asyncio.Task[ServedMap]) -> None:
         if session is not None and self._latest.get(session) is task:

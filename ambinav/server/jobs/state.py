@@ -22,7 +22,7 @@ from ambinav.runtime.files import disk_is_full
 from ambinav.store.build_lock import try_lock
 
 FILE: Final = "state.sqlite"
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Format of the file; another one is refused."""
 MOST_EDITS: Final = 10_000
 """Edited maps that are known by their obstacles, and steps of all sessions together."""
@@ -39,12 +39,20 @@ CREATE TABLE IF NOT EXISTS edited (
 CREATE TABLE IF NOT EXISTS sessions (
     session TEXT, map TEXT, position INTEGER NOT NULL, PRIMARY KEY (session, map));
 CREATE TABLE IF NOT EXISTS steps (
-    session TEXT, map TEXT, number INTEGER, name TEXT NOT NULL, created REAL NOT NULL,
+    session TEXT, map TEXT, number INTEGER, name TEXT NOT NULL, created REAL NOT NULL, editor TEXT,
     PRIMARY KEY (session, map, number));
 CREATE TABLE IF NOT EXISTS jobs (
     id TEXT PRIMARY KEY, kind TEXT NOT NULL, task TEXT NOT NULL, state TEXT NOT NULL, result TEXT,
     created REAL NOT NULL, starts INTEGER NOT NULL);
 """
+
+
+class StaleStepError(Exception):
+    """An edit goes on from a step that is no longer the current one of its session."""
+
+    def __init__(self, position: int) -> None:
+        super().__init__(position)
+        self.position = position
 
 
 class State:
@@ -114,38 +122,51 @@ class State:
         with self._lock:
             return self._data.execute(query, values).fetchall()
 
-    def keep_edit(self, name: str, map: str, obstacles: str, session: str | None) -> None:
+    def keep_edit(
+        self,
+        name: str,
+        map: str,
+        obstacles: str,
+        session: str | None,
+        after: int | None = None,
+        editor: str | None = None,
+    ) -> int | None:
         """Keep the obstacles of an edited map, and make it the last step of a session.
 
-        Steps that were undone are dropped.
+        Steps that were undone are dropped. Returns the session's position then.
 
         Args:
             name: Id of the edited map, or of the original.
             map: Id of the original.
             obstacles: Obstacles as GeoJSON.
             session: Name of the session; None: none.
+            after: Position that the session must be at, or at a step of the same editor; None: any.
+            editor: Who makes the edit, any name.
+
+        Raises:
+            StaleStepError: it is at a step of somebody else; the edit is no step of it.
         """
         now = time.time()
         with self._change() as data:
             data.execute("REPLACE INTO edited VALUES (?, ?, ?, ?)", (name, map, obstacles, now))
             _trim(data)
             if session is None:
-                return
+                return None
             key = session, map
             position = self._position(*key)
-            last = data.execute(
-                "SELECT name FROM steps WHERE session = ? AND map = ? AND number = ?",
-                (*key, position),
-            ).fetchone()
-            if (last is None and name == map) or last == (name,):
-                return
+            self._check_step(after, editor, *key)
+            last = self._step(position, *key)
+            if (last is None and name == map) or (last is not None and last[0] == name):
+                return position
             data.execute(
                 "DELETE FROM steps WHERE session = ? AND map = ? AND number > ?", (*key, position)
             )
             data.execute(
-                "INSERT INTO steps VALUES (?, ?, ?, ?, ?)", (*key, position + 1, name, now)
+                "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?)",
+                (*key, position + 1, name, now, editor),
             )
             data.execute("REPLACE INTO sessions VALUES (?, ?, ?)", (*key, position + 1))
+            return position + 1
 
     def obstacles_of(self, name: str) -> tuple[str, str] | None:
         """Return the original's id and the obstacles of an edited map, as GeoJSON."""
@@ -158,14 +179,40 @@ class State:
         ).fetchone()
         return 0 if row is None else int(row[0])
 
-    def steps(self, session: str, map: str) -> tuple[int, list[tuple[int, str, float]]]:
+    def _step(self, number: int, session: str, map: str) -> tuple[str, str | None] | None:
+        """Return the map and the editor of a step."""
+        query = "SELECT name, editor FROM steps WHERE session = ? AND map = ? AND number = ?"
+        row: tuple[str, str | None] | None = self._data.execute(
+            query, (session, map, number)
+        ).fetchone()
+        return row
+
+    def _check_step(self, after: int | None, editor: str | None, session: str, map: str) -> None:
+        position = self._position(session, map)
+        if after in (None, position):
+            return
+        last = self._step(position, session, map)
+        if last is None or editor is None or last[1] != editor:
+            raise StaleStepError(position)
+
+    def check_step(self, after: int | None, editor: str | None, session: str, map: str) -> None:
+        """Check that an edit goes on from the current step of a session, as `keep_edit` does.
+
+        Raises:
+            StaleStepError: it does not.
+        """
+        with self._lock:
+            self._check_step(after, editor, session, map)
+
+    def steps(self, session: str, map: str) -> tuple[int, list[tuple[int, str, float, str | None]]]:
         """Return the position of a session, 0 for the original, and its steps.
 
-        Each step is its number, from 1 on, the id of its map, and its time, seconds since 1970. The
-        first ones of a long session may have been dropped.
+        Each step is its number, from 1 on, the id of its map, its time, seconds since 1970, and its
+        editor. The first ones of a long session may have been dropped.
         """
         rows = self._rows(
-            "SELECT number, name, created FROM steps WHERE session = ? AND map = ? ORDER BY number",
+            "SELECT number, name, created, editor FROM steps WHERE session = ? AND map = ? ORDER "
+            "BY number",
             session,
             map,
         )

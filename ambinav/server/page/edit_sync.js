@@ -5,22 +5,34 @@ import { collectionOf } from "./obstacles.js";
 /** While too many others wait, so often is asked again, after so many milliseconds. */
 const TRIES = 10;
 const PAUSE = 1500;
+/** So often is looked whether somebody else has changed the session, in milliseconds. */
+const LOOK = 4000;
+const CHANGED = "Somebody else has changed these obstacles; this is what they are now. Undo brings yours back.";
 
 export class EditSync {
   #running = null;
   #waiting = false;
   #restoring = null;
   #shown = [];
+  /** Step of the session that is shown; null until one is known. */
+  #step = null;
+  #taken = null;
 
-  /** `show(id, finished)` shows a version of the map; `finished` is false while something is dragged. */
-  constructor(source, store, show) {
-    Object.assign(this, { source, store, show });
+  /**
+   * `show(id, finished)` shows a version of the map; `finished` is false while something is dragged.
+   * `take(features)` puts obstacles that somebody else has put up in the place of those here, and
+   * returns the list.
+   */
+  constructor(source, store, show, take) {
+    Object.assign(this, { source, store, show, take });
     const given = new URLSearchParams(location.search).get("session") ?? "";
     this.isNew = !/^[\w-]{1,64}$/.test(given);
-    this.session = this.isNew ? `page-${Math.random().toString(36).slice(2)}` : given;
+    this.editor = `page-${Math.random().toString(36).slice(2)}`;
+    this.session = this.isNew ? this.editor : given;
     source.restore = () => this.#restore();
     store.watch(["obstacles"], () => this.#follow());
     store.watch(["original"], () => this.map && store.get("edited") && this.#display());
+    setInterval(() => this.#look(), LOOK);
   }
 
   /** A map was opened: nothing is drawn in it yet. */
@@ -28,21 +40,49 @@ export class EditSync {
     this.#running?.abort();
     this.map = map;
     this.#shown = [];
+    this.#step = null;
     this.warm = false;
     this.store.set({ session: this.isNew ? null : this.session, edited: null, original: false, trouble: null, working: false });
   }
 
   /** Features that the session of the page's address has in the map; none in a new session. */
   async kept() {
-    const { map } = this;
     if (this.isNew) return [];
     try {
-      const { current } = await this.source.session(map.id, this.session);
-      return current === map.id ? [] : (await this.source.obstacles(current)).features;
+      return await this.#ofSession();
     } catch (problem) {
       this.store.set({ trouble: problem.message });
       return [];
     }
+  }
+
+  /** Step and obstacles of the session, which are those of the page from then on. */
+  async #ofSession() {
+    const { map } = this;
+    const { position, current } = await this.source.session(map.id, this.session);
+    const features = current === map.id ? [] : (await this.source.obstacles(current)).features;
+    if (map === this.map) this.#step = position;
+    return features;
+  }
+
+  /** Show what somebody else has made of the session meanwhile. */
+  async #look() {
+    const { map, store } = this;
+    const isBusy = () => this.#running || store.get("dragging") || map !== this.map;
+    if (this.#step === null || document.hidden || isBusy()) return;
+    try {
+      const before = this.#step;
+      const { position, steps } = await this.source.session(map.id, this.session);
+      const isMine = steps.some(({ number, editor }) => number === position && editor === this.editor);
+      if (position !== before && !isMine && this.#step === before && !isBusy()) await this.#yield();
+    } catch {
+      // The next look, or the next edit, says what is wrong.
+    }
+  }
+
+  async #yield() {
+    this.#taken = this.take(await this.#ofSession());
+    this.store.set({ trouble: CHANGED });
   }
 
   /** Have the service make a process ready; what else goes wrong with it is said of the first edit. */
@@ -85,17 +125,26 @@ export class EditSync {
     const { map, store } = this;
     const obstacles = store.get("obstacles");
     if (!obstacles.length && !store.get("edited")) return false; // the original is shown
+    const draft = Boolean(store.get("dragging"));
     if (this.#running.signal.aborted) this.#running = new AbortController();
     try {
-      const draft = Boolean(store.get("dragging"));
-      const found = obstacles.length ? await this.source.edit(map.id, collectionOf(obstacles), { session: this.session, draft }, this.#running.signal) : null;
+      const options = { session: this.session, draft, editor: this.editor, ...(draft || this.#step === null ? {} : { after: this.#step }) };
+      const found = await this.source.edit(map.id, collectionOf(obstacles), options, this.#running.signal);
       if (map !== this.map) return false;
-      if (!draft) store.set({ session: this.session });
+      if (!draft) {
+        store.set({ session: this.session });
+        this.#step = found.step;
+      }
       this.#shown = obstacles;
-      store.set({ edited: found, trouble: null, ...(found ? {} : { original: false }) });
+      const trouble = obstacles === this.#taken ? CHANGED : null;
+      store.set({ trouble, ...(obstacles.length ? { edited: found } : { edited: null, original: false }) });
       await this.#display();
     } catch (problem) {
-      if (map === this.map && problem.name !== "AbortError" && problem.status !== 409) store.set({ trouble: problem.message });
+      if (map !== this.map || problem.name === "AbortError") return false;
+      if (problem.status !== 409) store.set({ trouble: problem.message });
+      else if (problem.field === "after") await this.#yield();
+      // An edit of somebody else has stopped this one; what is dragged is asked for again anyway.
+      else return !draft;
       return problem.status === 503;
     }
     return false;

@@ -11,7 +11,10 @@ export const EDIT_VALUES = { session: null, obstacles: [], picked: null, tool: "
 /** Build the editor into a panel; `show(id, finished)` shows a version of the map. */
 export function makeEditor(panel, floor, source, store, show) {
   const obstacles = new Obstacles(store);
-  const sync = new EditSync(source, store, show);
+  const sync = new EditSync(source, store, show, (features) => {
+    obstacles.replace(obstaclesOf({ features }), "Change by somebody else");
+    return obstacles.list;
+  });
   const view = new EditPanel(panel, store, obstacles, source);
   const marks = new EditMarks(floor, store, obstacles, (message) => view.say(message));
   store.watch(["tab", "map"], ({ tab }) => tab === "edit" && sync.prepare());

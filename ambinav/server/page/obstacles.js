@@ -143,8 +143,8 @@ export class Obstacles {
     this.#set(this.list.filter((_, k) => k !== i), null, `Delete ${this.list[i].kind} ${i + 1}`);
   }
 
-  replace(list) {
-    this.#set(list, null, list.length ? "Open obstacles" : "Reset");
+  replace(list, name = list.length ? "Open obstacles" : "Reset") {
+    this.#set(list, null, name);
   }
 
   /** Undo so many changes. */
