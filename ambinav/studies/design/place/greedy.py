@@ -191,7 +191,7 @@ def place(
 
 
 def place_each(
-    effects: Effects,
+    gains: Gains,
     trials: Trials,
     most: Mapping[Kind, int],
     prices: Mapping[Kind, float],
@@ -203,13 +203,12 @@ def place_each(
     beside the others, as in `place`. Ends where none is allowed or helps, or no bad floor is left.
 
     Args:
-        effects: The building, in which the candidates were tried; it is left as it is.
+        gains: Gains in the building in which the candidates were tried.
         trials: The candidates, each alone.
         most: Number of obstacles of each kind, at most.
         prices: Price of an obstacle of each kind, above zero.
         passage: Metres to be left between two of them.
     """
-    gains = Gains(effects)
     search = _Search(gains, trials, passage, most, prices)
     while search.badness.bad > 0.0 and (best := search.best()) is not None:
         search.put((*search.chosen, best))

@@ -324,6 +324,8 @@ class ChangeSearch:
 
     def _consider_batch(self, batch: Batch) -> None:
         """Keep the states of a batch, as far as they can be the solution."""
+        if not batch.states:
+            return
         *fewer, every = batch.states
         if self.forecaster is None:
             fewer = list(batch.states)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 import shapely
@@ -23,6 +24,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules
 from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.gains import Gains
 from ambinav.studies.design.place.greedy import Trials, place_each, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.positions import Positions
@@ -111,7 +113,7 @@ class Batch:
     """A placement and what is left of it without one of its obstacles.
 
     Attributes:
-        states: The states, cheapest first.
+        states: The states, cheapest first; none if an earlier chain has the same placement.
         bound: No state of this batch or a later one of its chain costs less.
     """
 
@@ -183,6 +185,8 @@ class ObstacleSearch:
         point = np.flatnonzero((floor.mask & (weight > 0.0))[free])
         places = Places(point, np.full(len(point), ALL_HEADINGS), weight[free][point], len(point))
         self.effects = Effects(environment, setting, places)
+        self.gains = Gains(self.effects)
+        self._batches: dict[frozenset[Candidate], Batch] = {}
         self.elsewhere = floor.areas(~free)
 
     def try_places(self, report: Report) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
@@ -218,15 +222,21 @@ class ObstacleSearch:
         return every, reasons
 
     def chains(self, trials_of: Mapping[Kind, Trials]) -> Iterator[Iterator[Batch]]:
-        """Yield a search over all kinds, then one of each kind alone."""
-        every = list(trials_of.values())
-        if len(every) > 1:
-            joined = every[0]
-            for trials in every[1:]:
-                joined = joined.and_of(trials)
-            every.insert(0, joined)
-        for trials in every:
-            yield self._chain(trials)
+        """Yield searches over all kinds, with all, one and none of the dearest, then of each alone.
+
+        By gain per price a dear obstacle often stands where a cheap one would do.
+        """
+        first, *others = trials_of.values()
+        joined = reduce(Trials.and_of, others, first)
+        most = dict(self.terms.most)
+        dearest = max(trials_of, key=lambda kind: self.terms.prices[kind])
+        if others:
+            yield self._chain(joined, most)
+            yield self._chain(joined, most | {dearest: 1})
+        if len(others) > 1:
+            yield self._chain(joined, most | {dearest: 0})
+        for trials in trials_of.values():
+            yield self._chain(trials, most)
 
     def state(self, obstacles: Sequence[Candidate]) -> State:
         """Return the building with some obstacles."""
@@ -253,11 +263,12 @@ class ObstacleSearch:
             ordered.append((left.pop(best), changes[best].gain.bad))
         return tuple(ordered)
 
-    def _chain(self, trials: Trials) -> Iterator[Batch]:
+    def _chain(self, trials: Trials, most: Mapping[Kind, int]) -> Iterator[Batch]:
         passage = max(rule.min_passage for rule in self.rules.values())
-        for obstacles in place_each(
-            self.effects, trials, self.terms.most, self.terms.prices, passage
-        ):
+        for obstacles in place_each(self.gains, trials, most, self.terms.prices, passage):
+            if frozenset(obstacles) in self._batches:
+                yield self._batches[frozenset(obstacles)]
+                continue
             states = [self.state(obstacles)]
             if len(obstacles) > 1:
                 states += [
@@ -265,4 +276,6 @@ class ObstacleSearch:
                 ]
             states.sort(key=lambda state: (state.cost, state.bad))
             # Each placement costs more than those before it.
-            yield Batch(tuple(states), states[0].cost)
+            batch = Batch(tuple(states), states[0].cost)
+            self._batches[frozenset(obstacles)] = replace(batch, states=())
+            yield batch
