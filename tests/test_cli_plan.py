@@ -152,6 +152,20 @@ def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     assert files(plan_folder) == {"map.zarr", "notes.txt", "front"}
 
 
+def test_the_shortest_route_is_that_whatever_else_costs(
+    runner: CliRunner, plan_folder: Path
+) -> None:
+    (plan_folder / "p.wkt").write_text("POLYGON ((0 0, 2 0, 2 3, 0 3, 0 0))")
+    lengths = []
+    for more in ([], ["--clearance-weight", "5", "--comfort", "1"], ["--prefer", "p.wkt"]):
+        result = runner.invoke(app, [*PLAN, "-o", "r.csv", "--shortest", "--json", *more])
+        assert result.exit_code == 0, result.output
+        shortest = json.loads(result.stdout)["routes"]["shortest"]
+        assert shortest["cost"] == pytest.approx(shortest["length"])
+        lengths.append(shortest["length"])
+    assert lengths == pytest.approx([lengths[0]] * 3)
+
+
 def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(
         app,

@@ -160,8 +160,11 @@ def plan(
                     planner, visited, forecaster = planners[fastest], plans[fastest], None
                 route, halts[name] = visited.route, joints(visited.legs)
             routes = {name: route}
+            direct = planner
             if result.shortest:
-                shortest = mission.plan(planner, here, there, request, 0.0)
+                if cost.adds_metres:
+                    direct = RoutePlanner(cost.of_length.service(amap), **settings)
+                shortest = mission.plan(direct, here, there, request, 0.0)
                 routes["shortest"], halts["shortest"] = shortest.route, joints(shortest.legs)
         except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
@@ -190,7 +193,7 @@ def plan(
             )
         if result.certify:
             for key, planned in routes.items():
-                proof = certify(planner, planned)
+                proof = certify(direct if key == "shortest" else planner, planned)
                 each.setdefault(key, {}).update(bound=proof.bound, gap=proof.gap)
                 lines.append(f"{key}: {proof.sentence}")
         if visited is not None and mission.wanted:

@@ -163,6 +163,16 @@ class CostOptions:
         above_zero(self.comfort, "--comfort", "0.5")
         not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
+    @property
+    def adds_metres(self) -> bool:
+        """True if the cost is more than the length even at a weight of 0."""
+        return self.clearance_weight > 0.0 or self.prefer is not None
+
+    @property
+    def of_length(self) -> CostOptions:
+        """The cost that is the length alone."""
+        return replace(self, weight=0.0, clearance_weight=0.0, prefer=None, outside_weight=None)
+
     def service(self, amap: AmbiguityMap) -> AmbiguityService:
         """Return the cost service of a map.
 

@@ -5,8 +5,8 @@ What a route is to reach against the shortest of its pair, all of it at once:
 - robots are lost on it at most a third as often,
 - the 95th percentile of its error is at most half,
 - it is planned at most 10 % longer,
-- and its robots are not shown to meet walls more often: a run that a wall ends has less time to
-  err in, so that a lower error would prove nothing.
+- and its robots are not shown to meet walls more often, nor do most of them: a run that a wall ends
+  has less time to err in, so that a lower error would prove nothing.
 
 The verdict on it is "easy" where there was nothing to gain (on the shortest route no robot was
 lost or collided, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
@@ -106,8 +106,8 @@ class Verdict:
 
     @property
     def walls_met(self) -> bool:
-        """True unless the runs show more collisions."""
-        return not self.collided.more
+        """True unless the runs show more collisions, or walls end most of them."""
+        return not self.collided.more and self.criterion.walls_met(self.collided.ours.value)
 
     @property
     def outcome(self) -> Outcome:

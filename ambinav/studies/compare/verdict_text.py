@@ -213,7 +213,12 @@ def _judged(verdict: Verdict, baseline: str) -> str:
             (verdict.lost_met, f"lost more than {_percent(criterion.lost)} as often"),
             (verdict.error_met, f"error above {_percent(criterion.error)}"),
             (verdict.length_met, f"more than {_percent(criterion.extra)} longer"),
-            (verdict.walls_met, "collides more often"),
+            (
+                verdict.walls_met,
+                "collides more often"
+                if verdict.collided.more
+                else f"walls end {100.0 * verdict.collided.ours.value:.0f} % of its runs",
+            ),
         )
         if not met
     ]

@@ -116,11 +116,12 @@ def card_text(card: Card) -> str:
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of an environment as plain values, without those of `DRAWN`.
 
-    Scanner and robot are written out in full, and so is what the policy sees by default: files may
-    not be there later, and presets and defaults may change.
+    Those of its id, scanner and robot are written out in full, and so is what the policy sees by
+    default: files may not be there later, and ids, presets and defaults may change.
     """
-    seen = seen_in(_of_id(environment) | dict(environment))
-    complete = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
+    given = of_id(environment) | dict(environment)
+    seen = seen_in(given)
+    complete = seen | given | {name: seen[name] for name in ("scanner", "robot")}
     return {name: plain_value(value) for name, value in complete.items() if name not in DRAWN}
 
 
@@ -146,7 +147,8 @@ def arguments_of(card: Card) -> dict[str, Any]:
         if not isinstance(scanner.get("yaml"), str):
             raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
         arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
-    seen = seen_in(_of_id(card.environment) | arguments)
+    arguments = of_id(card.environment) | arguments
+    seen = seen_in(arguments)
     beams = sum(_beams(part.layout) for part in seen["scanner"].parts)
     if beams > MOST_NUMBERS:
         raise InputError(
@@ -155,13 +157,17 @@ def arguments_of(card: Card) -> dict[str, Any]:
     return seen | arguments
 
 
-def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of an id; none if it is not registered here.
+def of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of the `id` of an environment; none if it is not registered here.
 
     A wrapped environment is not created for this: its card has all of them.
     """
     spec = gymnasium.registry.get(str(environment.get("id")))
-    return with_task(spec.kwargs) if spec is not None and is_plain(spec) else {}
+    if spec is None or not is_plain(spec):
+        return {}
+    replaced = ("task", "suite", "map") if environment.get("map") is not None else ("task",)
+    own = with_task(spec.kwargs)
+    return {name: value for name, value in own.items() if name not in (*DRAWN, *replaced)}
 
 
 def plain_value(value: Any) -> Any:

@@ -18,7 +18,7 @@ from ambinav.plugins import load_callable
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
 from ambinav_envs.policies.archive import UNREADABLE
-from ambinav_envs.policies.card import CARD, arguments_of
+from ambinav_envs.policies.card import CARD, arguments_of, of_id
 from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.policies.file import is_plain_model, read_policy_file
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, seen_in
@@ -166,11 +166,10 @@ def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None)
             "environment; if you trust it, add --trust and --env ID (trust=True and environment= "
             "in Python), or save it with ambinav_envs.policies.save_policy."
         )
-    arguments = {key: value for key, value in environment.items() if key != "id"}
+    arguments = of_id(environment) | dict(environment)
     seen = seen_in(arguments)
     model = _unpickled(path, _algorithm(path))
-    name = {key: value for key, value in environment.items() if key == "id"}
-    policy = ModelPolicy(model, name=path.stem, environment=seen | arguments | name)
+    policy = ModelPolicy(model, name=path.stem, environment=seen | arguments)
     policy.is_code = True
     return policy
 

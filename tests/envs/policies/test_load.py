@@ -15,7 +15,9 @@ from typer.testing import CliRunner
 from ambinav.cli import app
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
+from ambinav_envs.leaderboard.evaluated import environment_for
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.registered import arguments_of_id
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved
 from tests.envs.policies.test_network import observations, same_actions, trained
@@ -225,6 +227,28 @@ def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
     again = load_policy(tmp_path / "mine.zip")
     assert isinstance(again, ModelPolicy) and not again.is_code
     assert same_actions(made, again.model, observations(made.observation_space))
+
+
+def test_an_id_says_what_its_policy_is_judged_in(tmp_path: Path) -> None:
+    for name, key, value in (
+        ("ambinav/AccurateGoal-v1", "goal_radius", 0.1),
+        ("ambinav/Office-NoMap-v1", "ambiguity_seen", False),
+    ):
+        made = model(make_sb3(name, 2, buildings=1))
+        made.save(tmp_path / "plain.zip")
+        save_policy(made, tmp_path / "mine.zip", environment={"id": name})
+        loaded = (
+            load_policy(tmp_path / "plain.zip", trust=True, environment={"id": name}),
+            load_policy(tmp_path / "mine.zip"),
+        )
+        for policy in loaded:
+            judged = environment_for(policy, {})
+            assert judged[key] == value
+            assert judged["suite"] == arguments_of_id(name)["suite"]
+        # In another task it keeps what it sees, and takes the rest from there.
+        other = environment_for(loaded[1], {}, "ambinav/Hall-v1")
+        assert other["ambiguity_seen"] is (key != "ambiguity_seen")
+        assert "goal_radius" not in other
 
 
 @pytest.mark.slow

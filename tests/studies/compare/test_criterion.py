@@ -81,6 +81,10 @@ def test_more_collisions_do_not_meet_the_goal() -> None:
     assert found.lost_met and found.error_met and found.length_met
     assert not found.walls_met and found.outcome == "not met"
     assert "collides more often" in sentence(found, "a", "b")
+    # Equally often on both, but so often that what is left says little.
+    found = judged(measured(0, 0.2, collided=20), measured(15, 0.6, collided=20))
+    assert not found.walls_met and found.outcome == "not met"
+    assert "% of its runs" in sentence(found, "a", "b")
     # Where robots meet walls it is not easy, however well they know where they are.
     assert judged(measured(0, 0.1), measured(0, 0.1, collided=3)).outcome == "not met"
     # Two more of thirty show nothing.
