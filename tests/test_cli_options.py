@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.cli.options import grouped
+from ambinav.cli.options import documented
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ def test_fields_are_options_that_the_docstrings_describe() -> None:
     small = typer.Typer()
 
     @small.command()
-    @grouped
+    @documented
     def show(box: Box) -> None:
         """Show a box."""
         typer.echo(box)

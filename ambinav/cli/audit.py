@@ -43,6 +43,10 @@ class ReportOptions:
 
     Attributes:
         places (N): Number of the worst places to list.
+        aliasing: Search for aliased regions; this takes long in large buildings. [default: up to
+            6000 poses]
+        keep (OUT.zarr): Store the map too, as `ambinav map` does, in a folder or at a URL; an older
+            map there is replaced. [default: not stored]
         posts (N): Report where N posts would help most; 0: never. [default: 3 if they can help more
             than another scanner or other routes]
         no_advice: Leave out the verdict and the trials of remedies for it.
@@ -51,24 +55,8 @@ class ReportOptions:
     PANEL: ClassVar[str] = "Report"
 
     places: int = 10
-    aliasing: Annotated[
-        bool | None,
-        typer.Option(
-            "--aliasing/--no-aliasing",
-            help="Search for aliased regions; this takes long in large buildings.",
-            show_default="up to 6000 poses",
-        ),
-    ] = None
-    keep: Annotated[
-        str | None,
-        typer.Option(
-            "--save-map",
-            metavar="OUT.zarr",
-            help="Store the map too, as `ambinav map` does, in a folder or at a URL; an older map "
-            "there is replaced.",
-            show_default="not stored",
-        ),
-    ] = None
+    aliasing: Annotated[bool | None, typer.Option("--aliasing/--no-aliasing")] = None
+    keep: Annotated[str | None, typer.Option("--save-map")] = None
     posts: int | None = None
     no_advice: bool = False
     pictures: options.Pictures = "png"
@@ -100,20 +88,11 @@ class ReportOptions:
                 )
 
 
-@options.grouped
+@options.documented
 def audit(
     map_file: options.MapFile,
     scanner: options.Scanner,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the report; an earlier report there is replaced.",
-            show_default=False,
-        ),
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     building: BuildingOptions,
     making: MapOptions,
     space: SpaceOptions,
@@ -131,6 +110,9 @@ def audit(
     Writes report.html (self-contained), report.md, report.json and the pictures.
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
+
+    Parameters:
+        output (DIR): Folder for the report; an earlier report there is replaced.
     """
     from ambinav.studies.audit.drawing import drawing
 

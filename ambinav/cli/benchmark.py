@@ -65,6 +65,7 @@ class EpisodeOptions:
         suite (NAME): A suite: buildings, conditions and methods; repeatable. [default: standard:
             procedural and hall]
         task (ID): Gymnasium id of a task instead; repeatable.
+        map_file (FILE): A building in addition to those of the suites; repeatable.
     """
 
     PANEL: ClassVar[str] = "Episodes"
@@ -82,15 +83,7 @@ class EpisodeOptions:
     seed: int = 0
     suite: list[str] | None = None
     task: list[str] | None = None
-    map_file: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="A building in addition to those of the suites; repeatable.",
-            show_default=False,
-        ),
-    ] = None
+    map_file: Annotated[list[Path] | None, typer.Option("--map")] = None
     quick: Annotated[
         bool,
         typer.Option(
@@ -110,29 +103,14 @@ class EpisodeOptions:
         at_least(0, ("--seed", self.seed))
 
 
-@options.grouped
+@options.documented
 def benchmark(
     methods: MethodOptions,
     driven: EpisodeOptions,
     building: BuildingOptions,
     frozen: SubmissionOptions,
-    values: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[KEY=VALUE]...",
-            help="Arguments of the environment, common to all methods, e.g. localizer=mcl.",
-            show_default=False,
-        ),
-    ] = None,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the report; resumes an interrupted leaderboard in it.",
-        ),
-    ] = OUTPUT,
+    values: Annotated[list[str] | None, typer.Argument()] = None,
+    output: Annotated[Path, typer.Option("--output", "-o")] = OUTPUT,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
@@ -146,6 +124,11 @@ def benchmark(
     and one score. --rerun does this again, and ends with status 3 if anything differs.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
+
+    Parameters:
+        values ([KEY=VALUE]...): Arguments of the environment, common to all methods, e.g.
+            localizer=mcl.
+        output (DIR): Folder for the report; resumes an interrupted leaderboard in it.
     """
     with reporting():
         own = MethodOptions(policy=methods.policy, trust=methods.trust)

@@ -43,6 +43,7 @@ class DrivenBuildings:
     """Options on the buildings that robots drive in.
 
     Attributes:
+        map_file (FILE): Drive in this building; repeatable. Five or more do without drawn ones.
         suite (NAME): Draw buildings of this suite (see `ambinav plugins`); repeatable. [default:
             hall, corridor, office, warehouse, loop and procedural; none with --map]
         buildings (N): Number of buildings that are drawn of each suite.
@@ -50,15 +51,7 @@ class DrivenBuildings:
 
     PANEL: ClassVar[str] = "Buildings"
 
-    map_file: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="Drive in this building; repeatable. Five or more do without drawn ones.",
-            show_default=False,
-        ),
-    ] = None
+    map_file: Annotated[list[Path] | None, typer.Option("--map")] = None
     suite: list[str] | None = None
     buildings: int = 4
 
@@ -129,34 +122,13 @@ class DriveOptions:
         )  # fmt: skip
 
 
-@options.grouped
+@options.documented
 def localizer(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE",
-            help="A localizer (see `ambinav plugins`), or a YAML file with its type and "
-            "parameters as in a scenario.",
-            show_default=False,
-        ),
-    ],
+    name: Annotated[str, typer.Argument()],
     scanner: Annotated[
-        list[str],
-        typer.Option(
-            "--scanner",
-            "-s",
-            metavar="PRESET|FILE",
-            help="A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.",
-            show_default=False,
-            autocompletion=options.complete_preset,
-        ),
+        list[str], typer.Option("--scanner", "-s", autocompletion=options.complete_preset)
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Class file to write, .yaml.", show_default=False
-        ),
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     *,
     buildings: DrivenBuildings,
     drives: DriveOptions,
@@ -169,6 +141,12 @@ def localizer(
     `ambinav plan --localizer FILE`. An interrupted run keeps its drives beside the output.
 
     Example: `ambinav calibrate localizer amcl --scanner turtlebot3-lds -o amcl.yaml`
+
+    Parameters:
+        name (NAME|FILE): A localizer (see `ambinav plugins`), or a YAML file with its type and
+            parameters as in a scenario.
+        scanner (PRESET|FILE): A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.
+        output (FILE): Class file to write, .yaml.
     """
     with reporting():
         check_with_map(buildings.map_file, building)

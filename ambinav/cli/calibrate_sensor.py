@@ -8,52 +8,30 @@ from typing import Annotated
 
 import typer
 
-from ambinav.cli.options import AsJson
+from ambinav.cli.options import AsJson, documented
 from ambinav.cli.running import above_zero, check_file, not_negative, reporting
 from ambinav.runtime.errors import InputError
 
 
+@documented
 def sensor(
-    pairs: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CSV",
-            help="Measured pairs: columns true_range and reading, metres.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Sensor file to write.", show_default=False
-        ),
-    ],
-    max_range: Annotated[
-        float,
-        typer.Option(
-            "--max-range",
-            metavar="M",
-            help="Largest range that is read, metres.",
-            show_default=False,
-        ),
-    ],
-    resolution: Annotated[
-        float,
-        typer.Option(
-            "--resolution",
-            metavar="M",
-            help="Resolution of the readings, metres.",
-            show_default=False,
-        ),
-    ],
-    min_range: Annotated[
-        float, typer.Option("--min-range", metavar="M", help="Smallest range that is read, metres.")
-    ] = 0.0,
+    pairs: Annotated[Path, typer.Argument()],
+    output: Annotated[Path, typer.Option("--output", "-o")],
+    max_range: float,
+    resolution: float,
+    min_range: float = 0.0,
     as_json: AsJson = False,
 ) -> None:
     """Fit a sensor's bias and deviation to measured pairs, and show the residuals.
 
     Example: `ambinav calibrate sensor pairs.csv -o sensor.yaml --max-range 5.6 --resolution 0.001`
+
+    Parameters:
+        pairs (CSV): Measured pairs: columns true_range and reading, metres.
+        output (FILE): Sensor file to write.
+        max_range (M): Largest range that is read, metres.
+        resolution (M): Resolution of the readings, metres.
+        min_range (M): Smallest range that is read, metres.
     """
     with reporting():
         above_zero(max_range, "--max-range", "5.6")

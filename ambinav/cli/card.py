@@ -13,29 +13,11 @@ from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, reporting
 
 
+@options.documented
 def card(
-    policy: Annotated[
-        Path,
-        typer.Argument(metavar="POLICY", help="A policy file.", show_default=False),
-    ],
-    evaluation: Annotated[
-        Path,
-        typer.Argument(
-            metavar="EVALUATION",
-            help="Folder written by `ambinav evaluate POLICY -o`.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for README.md, results.json and the policy.",
-            show_default=False,
-        ),
-    ],
+    policy: Annotated[Path, typer.Argument()],
+    evaluation: Annotated[Path, typer.Argument()],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     as_json: options.AsJson = False,
 ) -> None:
     """Write a model card as model hubs read it, from a policy's own card and its evaluation.
@@ -44,6 +26,11 @@ def card(
     Nothing is uploaded.
 
     Example: `ambinav card run/best.zip out/evaluation -o out/hub`
+
+    Parameters:
+        policy (POLICY): A policy file.
+        evaluation (EVALUATION): Folder written by `ambinav evaluate POLICY -o`.
+        output (DIR): Folder for README.md, results.json and the policy.
     """
     with reporting():
         check_writable(output / "README.md")

@@ -30,45 +30,12 @@ FORECAST = "forecast"
 """Forecast of lost robots, %, after the figure `lost`."""
 
 
+@options.documented
 def compare(
-    scenario_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SCENARIO.yaml",
-            help="Building, scanner, robot, localizer, start-goal pairs and routes; see configs.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the report; resumes an interrupted comparison in it.",
-            show_default=False,
-        ),
-    ],
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs",
-            "-j",
-            metavar="N",
-            help="Number of processes that simulate drives.",
-            show_default="all cores",
-        ),
-    ] = None,
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            "--episodes",
-            "-n",
-            metavar="N",
-            help="Number of drives per route.",
-            show_default="the scenario's `runs`",
-        ),
-    ] = None,
+    scenario_file: Annotated[Path, typer.Argument()],
+    output: Annotated[Path, typer.Option("--output", "-o")],
+    jobs: Annotated[int | None, typer.Option("--jobs", "-j")] = None,
+    episodes: Annotated[int | None, typer.Option("--episodes", "-n")] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
     trust: options.Trust = False,
@@ -84,6 +51,13 @@ def compare(
     policy that is code (module:callable) is refused unless --trust is given.
 
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
+
+    Parameters:
+        scenario_file (SCENARIO.yaml): Building, scanner, robot, localizer, start-goal pairs and
+            routes; see configs.
+        output (DIR): Folder for the report; resumes an interrupted comparison in it.
+        jobs (N): Number of processes that simulate drives. [default: all cores]
+        episodes (N): Number of drives per route. [default: the scenario's `runs`]
     """
     with reporting():
         at_least(1, ("--jobs", jobs), ("--episodes", episodes))

@@ -15,56 +15,16 @@ from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
 
 
+@options.documented
 def dataset(
-    values: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[KEY=VALUE]...",
-            help="Arguments of the environment, e.g. localizer=mcl.",
-            show_default=False,
-        ),
-    ] = None,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the data sets; set MINARI_DATASETS_PATH to it to read them.",
-        ),
-    ] = Path("datasets"),
-    environment: Annotated[
-        str, typer.Option("--env", metavar="ID", help="Id of the environment.")
-    ] = "ambinav/Hall-v1",
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy",
-            metavar="FILE|NAME|module:callable",
-            help="A policy; repeatable.",
-            show_default="the reactive baselines, unless --planner is given",
-        ),
-    ] = None,
-    planner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--planner",
-            metavar="NAME[:WEIGHT]",
-            help="A planner whose routes are followed; repeatable.",
-            show_default="reference:5, unless there is --policy",
-        ),
-    ] = None,
-    episodes: Annotated[
-        int,
-        typer.Option("--episodes", "-n", metavar="N", help="Episodes of each policy and planner."),
-    ] = 10,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
-    ] = 0,
-    author: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Author, for metadata and card.", show_default=False),
-    ] = None,
+    values: Annotated[list[str] | None, typer.Argument()] = None,
+    output: Annotated[Path, typer.Option("--output", "-o")] = Path("datasets"),
+    environment: Annotated[str, typer.Option("--env")] = "ambinav/Hall-v1",
+    policy: list[str] | None = None,
+    planner: list[str] | None = None,
+    episodes: Annotated[int, typer.Option("--episodes", "-n")] = 10,
+    seed: int = 0,
+    author: str | None = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Record episodes as Minari data sets, one for each planner and policy.
@@ -74,6 +34,18 @@ def dataset(
     Face Hub reads it.
 
     Example: `ambinav dataset -o out/datasets --env ambinav/Office-v1 --policy vfh`
+
+    Parameters:
+        values ([KEY=VALUE]...): Arguments of the environment, e.g. localizer=mcl.
+        output (DIR): Folder for the data sets; set MINARI_DATASETS_PATH to it to read them.
+        environment (ID): Id of the environment.
+        policy (FILE|NAME|module:callable): A policy; repeatable. [default: the reactive baselines,
+            unless --planner is given]
+        planner (NAME[:WEIGHT]): A planner whose routes are followed; repeatable. [default:
+            reference:5, unless there is --policy]
+        episodes (N): Episodes of each policy and planner.
+        seed (N): Seed of the episodes, 0 or more.
+        author (NAME): Author, for metadata and card.
     """
     with reporting():
         at_least(1, ("--episodes", episodes))

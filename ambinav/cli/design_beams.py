@@ -82,21 +82,15 @@ class MessageOptions:
     """Options on the laser's messages, for laser_filters.yaml.
 
     Attributes:
+        frames (NAME): frame_id of the messages; once for each planar laser, in the scanner's order.
+            [default: laser, laser2 ...]
         angle_min (DEG): Direction of a full circle's first reading, degrees from the laser's axis.
             [default: -180]
     """
 
     PANEL: ClassVar[str] = "LaserScan messages"
 
-    frames: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--frame",
-            metavar="NAME",
-            help="frame_id of the messages; once for each planar laser, in the scanner's order.",
-            show_default="laser, laser2 ...",
-        ),
-    ] = None
+    frames: Annotated[list[str] | None, typer.Option("--frame")] = None
     angle_min: float | None = None
 
     def check(self) -> None:
@@ -112,36 +106,12 @@ class MessageOptions:
             )
 
 
-@options.grouped
+@options.documented
 def beams(
-    map_files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="MAP...",
-            help="Buildings: map_server .yaml, .geojson, .wkt, .ifc or .dxf files.",
-            show_default=False,
-        ),
-    ],
+    map_files: Annotated[list[Path], typer.Argument()],
     scanner: options.Scanner,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the report; an earlier one there is replaced.",
-            show_default=False,
-        ),
-    ],
-    loss: Annotated[
-        float,
-        typer.Option(
-            "--loss",
-            metavar="POINTS",
-            help="Largest change allowed on any map: of each zone's share of the floor, in "
-            "percentage points, and of 100 times the mean difference of the level.",
-        ),
-    ] = 5.0,
+    output: Annotated[Path, typer.Option("--output", "-o")],
+    loss: float = 5.0,
     *,
     building: BuildingOptions,
     sampled: SampleOptions,
@@ -156,6 +126,12 @@ def beams(
     laser_filters.yaml, which removes the other beams from a running laser's messages (ROS 2).
 
     Example: `ambinav design beams office.yaml lab.yaml --scanner rplidar-a1 --loss 5 -o fewer`
+
+    Parameters:
+        map_files (MAP...): Buildings: map_server .yaml, .geojson, .wkt, .ifc or .dxf files.
+        output (DIR): Folder for the report; an earlier one there is replaced.
+        loss (POINTS): Largest change allowed on any map: of each zone's share of the floor, in
+            percentage points, and of 100 times the mean difference of the level.
     """
     with reporting():
         from ambinav.sensing.scanner import RangeScanner

@@ -25,52 +25,16 @@ if TYPE_CHECKING:
 FOR_LOST = 'is for a requirement on lost robots, such as "lost < 5 %"'
 
 
-@options.grouped
+@options.documented
 def requirement(
     map_file: options.MapFile,
-    required: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="REQUIREMENT",
-            help='What must hold, e.g. "bad < 2 %", "open area < 10 m2" or "lost < 5 %"; without '
-            "it --budget says how much the best may cost.",
-            show_default=False,
-        ),
-    ] = None,
+    required: Annotated[str | None, typer.Argument()] = None,
     *,
     scanner: options.Scanner,
-    may: Annotated[
-        str,
-        typer.Option(
-            "--may",
-            metavar="CHANGES",
-            help="Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount, "
-            "second-scanner; separated by commas.",
-            show_default=False,
-        ),
-    ],
-    cost: Annotated[
-        Path,
-        typer.Option(
-            "--cost",
-            metavar="FILE",
-            help="What the changes cost (.yaml: post, panel, tag, mount, scanner).",
-            show_default=False,
-        ),
-    ],
-    budget: Annotated[
-        float | None,
-        typer.Option("--budget", metavar="AMOUNT", help="Largest cost.", show_default="no limit"),
-    ] = None,
-    places: Annotated[
-        Path | None,
-        typer.Option(
-            "--places",
-            metavar="FILE",
-            help='Named places and trips between them (.yaml: places, trips), for "lost < 5 %".',
-            show_default=False,
-        ),
-    ] = None,
+    may: str,
+    cost: Path,
+    budget: float | None = None,
+    places: Path | None = None,
     keep_out: KeepOut = None,
     output: options.ReportFolder = None,
     obstacles: PositionOptions,
@@ -93,6 +57,15 @@ def requirement(
 
     Example: `ambinav design for office.yaml "bad < 2 %" -s turtlebot3-lds --may posts=8,scanner
     --cost costs.yaml -o changes`
+
+    Parameters:
+        required (REQUIREMENT): What must hold, e.g. "bad < 2 %", "open area < 10 m2" or "lost < 5
+            %"; without it --budget says how much the best may cost.
+        may (CHANGES): Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount,
+            second-scanner; separated by commas.
+        cost (FILE): What the changes cost (.yaml: post, panel, tag, mount, scanner).
+        budget (AMOUNT): Largest cost. [default: no limit]
+        places (FILE): Named places and trips between them (.yaml: places, trips), for "lost < 5 %".
     """
     with reporting():
         from ambinav.geometry.collision.reach import find_reach

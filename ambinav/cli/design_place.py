@@ -34,30 +34,23 @@ class PositionOptions:
     """Options on the size of obstacles and on their positions.
 
     Attributes:
+        post_radius (M): Radius of a post, metres.
         width (M): Width of a panel or a tag, metres.
         min_passage (M): Passages at least this wide are not made narrower than this, metres.
         bottom (M): Height of their lower edge above the floor, metres, in a building in space.
         top (M): Height of their upper edge likewise. [default: the height of the building]
+        where: Only on walls, or only free-standing. [default: both]
         candidates (N): Maximum number of candidate positions of a kind.
     """
 
     PANEL: ClassVar[str] = "Obstacles"
 
-    post_radius: Annotated[
-        float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
-    ] = 0.1
+    post_radius: Annotated[float, typer.Option("--radius")] = 0.1
     width: float = 0.6
     min_passage: float = 0.9
     bottom: float = 0.0
     top: float | None = None
-    where: Annotated[
-        bool | None,
-        typer.Option(
-            "--on-walls/--free-standing",
-            help="Only on walls, or only free-standing.",
-            show_default="both",
-        ),
-    ] = None
+    where: Annotated[bool | None, typer.Option("--on-walls/--free-standing")] = None
     candidates: int = 200
 
     def check(self, kind: Kind, count: int) -> None:
@@ -104,6 +97,7 @@ class ObstacleOptions(PositionOptions):
         tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
         aged (N): Report also what the obstacles remove in N buildings with displaced walls and
             moved furniture.
+        examine: Report also how far greedy search is from the optimum of small cases.
         seed (N): Seed of the aged buildings, and of the samples of `--examine`.
     """
 
@@ -115,13 +109,7 @@ class ObstacleOptions(PositionOptions):
     tags: int | None = None
     keep_out: KeepOut = None
     aged: int = 0
-    examine: Annotated[
-        bool,
-        typer.Option(
-            "--examine",
-            help="Report also how far greedy search is from the optimum of small cases.",
-        ),
-    ] = False
+    examine: bool = False
     seed: int = 0
 
     def kind(self) -> tuple[Kind, int]:
@@ -186,7 +174,7 @@ class WhereBadOptions:
         return [route_region(path) for path in self.route or ()]
 
 
-@options.grouped
+@options.documented
 def place(
     map_file: options.MapFile,
     scanner: options.Scanner,

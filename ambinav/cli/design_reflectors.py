@@ -30,6 +30,7 @@ class NewOptions(PositionOptions):
     Attributes:
         posts (N): Place at most N round posts. [default: none]
         tags (N): Place at most N strips flat on walls. [default: none]
+        post_radius (M): Radius of a post, metres.
         width (M): Width of a tag, metres.
     """
 
@@ -37,9 +38,7 @@ class NewOptions(PositionOptions):
 
     posts: int | None = None
     tags: int | None = None
-    post_radius: Annotated[
-        float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
-    ] = 0.05
+    post_radius: Annotated[float, typer.Option("--radius")] = 0.05
     width: float = 0.3
     keep_out: KeepOut = None
 
@@ -101,7 +100,7 @@ class NeedOptions:
         )
 
 
-@options.grouped
+@options.documented
 def reflectors(
     map_file: options.MapFile,
     scanner: options.Scanner,

@@ -115,30 +115,14 @@ class ComparedSpaceOptions(SpaceOptions):
         return RangeScanner.mixed(*(mounted(scanner, self.height) for scanner in scanners))
 
 
-@options.grouped
+@options.documented
 def scanners(
     map_file: options.MapFile,
     scanner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scanner",
-            "-s",
-            metavar="PRESET|FILE",
-            help="A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.",
-            show_default=False,
-            autocompletion=options.complete_preset,
-        ),
+        list[str] | None, typer.Option("--scanner", "-s", autocompletion=options.complete_preset)
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help="Compare all presets.")] = False,
-    costs: Annotated[
-        Path | None,
-        typer.Option(
-            "--costs",
-            metavar="FILE",
-            help="Table of scanner, price, power (.csv), or a .yaml mapping.",
-            show_default="none",
-        ),
-    ] = None,
+    every: Annotated[bool, typer.Option("--all")] = False,
+    costs: Path | None = None,
     output: options.ReportFolder = None,
     *,
     building: BuildingOptions,
@@ -156,6 +140,11 @@ def scanners(
     With --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
 
     Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
+
+    Parameters:
+        scanner (PRESET|FILE): A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.
+        every: Compare all presets.
+        costs (FILE): Table of scanner, price, power (.csv), or a .yaml mapping. [default: none]
     """
     with reporting():
         import numpy as np

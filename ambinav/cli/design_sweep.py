@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import typer
 
@@ -60,41 +60,15 @@ class SweptOptions(RegionOptions):
         at_least(0, ("--places", self.places), ("--seed", self.seed))
 
 
-@options.grouped
+@options.documented
 def sweep(
     map_file: options.MapFile,
     scanner: options.Scanner,
-    vary: Annotated[
-        list[str],
-        typer.Option(
-            "--vary",
-            metavar="NAME=FIRST:LAST:STEP",
-            help="Property to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
-            "(metres), in space also height (metres) and pitch (degrees, positive looks down); or "
-            "NAME=A,B,C. Several make a grid.",
-            show_default=False,
-        ),
-    ],
+    vary: list[str],
     *,
     output: options.ReportFolder = None,
-    part: Annotated[
-        str | None,
-        typer.Option(
-            "--part",
-            metavar="NAME|N",
-            help="Part to vary of a scanner with several: its sensor's name, or its number.",
-            show_default="the only one",
-        ),
-    ] = None,
-    by: Annotated[
-        str,
-        typer.Option(
-            "--by",
-            metavar="mean|p95|worst|bad",
-            help="The best setting has the lowest mean, 95th percentile or worst level, or the "
-            "smallest share of corridor and open.",
-        ),
-    ] = "mean",
+    part: str | None = None,
+    by: str = "mean",
     where: SweptOptions,
     building: BuildingOptions,
     space: SpaceOptions,
@@ -111,6 +85,15 @@ def sweep(
     polygon or a route. With --extrude, --in-space or a mesh for MAP, scanners see in space.
 
     Example: `ambinav design sweep office.yaml -s hokuyo-urg-04lx --vary aperture=60:360:30 -o out`
+
+    Parameters:
+        vary (NAME=FIRST:LAST:STEP): Property to vary: aperture, yaw (degrees), beams, max_range,
+            std, resolution (metres), in space also height (metres) and pitch (degrees, positive
+            looks down); or NAME=A,B,C. Several make a grid.
+        part (NAME|N): Part to vary of a scanner with several: its sensor's name, or its number.
+            [default: the only one]
+        by (mean|p95|worst|bad): The best setting has the lowest mean, 95th percentile or worst
+            level, or the smallest share of corridor and open.
     """
     with reporting():
         from ambinav.studies.design.sweep.document import document

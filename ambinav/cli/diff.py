@@ -31,47 +31,20 @@ if TYPE_CHECKING:
 _MAP = "An ambiguity map, a folder or a URL, or with --scanner a building."
 
 
-@options.grouped
+@options.documented
 def diff(
     first: Annotated[str, typer.Argument(metavar="A", help=_MAP, show_default=False)],
     second: Annotated[str, typer.Argument(metavar="B", help=_MAP, show_default=False)],
     *,
     output: options.ReportFolder = None,
-    scanner: Annotated[
-        str | None,
-        typer.Option(
-            "--scanner",
-            "-s",
-            metavar="PRESET|FILE",
-            help="Scanner of both maps, if A and B are buildings.",
-            show_default="none: A and B are maps",
-        ),
-    ] = None,
-    scanner_b: Annotated[
-        str | None,
-        typer.Option(
-            "--scanner-b",
-            metavar="PRESET|FILE",
-            help="Scanner of B, if it is another one.",
-            show_default="as --scanner",
-        ),
-    ] = None,
+    scanner: Annotated[str | None, typer.Option("--scanner", "-s")] = None,
+    scanner_b: str | None = None,
     building: BuildingOptions,
     making: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
-    wall_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            "--wall-tolerance",
-            metavar="M",
-            help="Distance up to which two walls are considered the same, metres.",
-            show_default="two cells of the occupancy map, at least 0.1",
-        ),
-    ] = None,
-    places: Annotated[
-        int, typer.Option("--places", metavar="N", help="Number of changed regions to list.")
-    ] = 10,
+    wall_tolerance: float | None = None,
+    places: int = 10,
     pictures: options.Pictures = "png",
     gate: DiffGate,
     as_json: options.AsJson = False,
@@ -82,6 +55,14 @@ def diff(
     building and map are for buildings.
 
     Example: `ambinav diff before.zarr after.zarr -o changes --fail-if "new open area > 1 m2"`
+
+    Parameters:
+        scanner (PRESET|FILE): Scanner of both maps, if A and B are buildings. [default: none: A and
+            B are maps]
+        scanner_b (PRESET|FILE): Scanner of B, if it is another one. [default: as --scanner]
+        wall_tolerance (M): Distance up to which two walls are considered the same, metres.
+            [default: two cells of the occupancy map, at least 0.1]
+        places (N): Number of changed regions to list.
     """
     with reporting():
         from ambinav.studies.diff.difference import difference

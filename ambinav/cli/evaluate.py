@@ -25,78 +25,20 @@ TWIN_SHOWN = ("arrived", "spl", "return")
 """Figures with the true pose on the terminal, each with its difference to those by the estimate."""
 
 
-@options.grouped
+@options.documented
 def evaluate(
-    policy: Annotated[
-        str,
-        typer.Argument(
-            metavar="POLICY",
-            help="A policy file, the name of a reactive baseline, or module:callable.",
-            show_default=False,
-        ),
-    ],
+    policy: Annotated[str, typer.Argument()],
     building: BuildingOptions,
     space: HeightOptions,
-    values: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[KEY=VALUE]...",
-            help="Arguments of the environment, e.g. people=3 odometry_scale=2.",
-            show_default="as in training",
-        ),
-    ] = None,
-    task: Annotated[
-        str | None,
-        typer.Option(
-            "--task", metavar="ID", help="Gymnasium id to drive in.", show_default="as in training"
-        ),
-    ] = None,
-    suite: Annotated[
-        str | None,
-        typer.Option(
-            "--suite", metavar="NAME", help="Buildings to draw from.", show_default="as in training"
-        ),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", metavar="FILE", help="One building, instead of a suite.", show_default=False
-        ),
-    ] = None,
-    episodes: Annotated[
-        int, typer.Option("--episodes", "-n", metavar="N", help="Number of episodes.")
-    ] = 200,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
-    ] = 0,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for evaluation.json and episodes.csv.",
-            show_default=False,
-        ),
-    ] = None,
-    twins: Annotated[
-        bool,
-        typer.Option(
-            "--twins/--no-twins",
-            help="Also evaluate the policy with the true pose, and shortest routes that are "
-            "followed blindly, for the normalized score; this takes several times as long.",
-        ),
-    ] = True,
-    trained_in: Annotated[
-        str | None,
-        typer.Option(
-            "--env",
-            metavar="ID",
-            help="For a file of model.save: the environment of its training; KEY=VALUE its "
-            "arguments.",
-            show_default=False,
-        ),
-    ] = None,
+    values: Annotated[list[str] | None, typer.Argument()] = None,
+    task: str | None = None,
+    suite: str | None = None,
+    map_file: Annotated[Path | None, typer.Option("--map")] = None,
+    episodes: Annotated[int, typer.Option("--episodes", "-n")] = 200,
+    seed: int = 0,
+    output: Annotated[Path | None, typer.Option("--output", "-o")] = None,
+    twins: Annotated[bool, typer.Option("--twins/--no-twins")] = True,
+    trained_in: Annotated[str | None, typer.Option("--env")] = None,
     trust: options.Trust = False,
     force: options.Force = False,
     as_json: options.AsJson = False,
@@ -109,6 +51,21 @@ def evaluate(
     by model.save of Stable-Baselines3 are code and need --trust; the latter also need --env ID.
 
     Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
+
+    Parameters:
+        policy (POLICY): A policy file, the name of a reactive baseline, or module:callable.
+        values ([KEY=VALUE]...): Arguments of the environment, e.g. people=3 odometry_scale=2.
+            [default: as in training]
+        task (ID): Gymnasium id to drive in. [default: as in training]
+        suite (NAME): Buildings to draw from. [default: as in training]
+        map_file (FILE): One building, instead of a suite.
+        episodes (N): Number of episodes.
+        seed (N): Seed of the episodes, 0 or more.
+        output (DIR): Folder for evaluation.json and episodes.csv.
+        twins: Also evaluate the policy with the true pose, and shortest routes that are followed
+            blindly, for the normalized score; this takes several times as long.
+        trained_in (ID): For a file of model.save: the environment of its training; KEY=VALUE its
+            arguments.
     """
     with reporting():
         at_least(1, ("--episodes", episodes))

@@ -39,6 +39,8 @@ class FloorOptions:
 
     Attributes:
         layer (NAME): Layer to export. [default: the cost layer]
+        zones (NAME): A zone to mark or write; repeatable. [default: corridor, open; for
+            nav2-keepout open]
         threshold: Mark cells where the layer is at least this, instead of zones.
         least_area (M2): Leave out smaller zones, m². [default: 0.5]
         slowest (PERCENT): Speed at level 1, percent of full speed. [default: 30]
@@ -52,15 +54,7 @@ class FloorOptions:
     PANEL: ClassVar[str] = "Masks, zones and layers"
 
     layer: str | None = None
-    zones: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--zone",
-            metavar="NAME",
-            help="A zone to mark or write; repeatable.",
-            show_default="corridor, open; for nav2-keepout open",
-        ),
-    ] = None
+    zones: Annotated[list[str] | None, typer.Option("--zone")] = None
     threshold: float | None = None
     least_area: float | None = None
     slowest: float | None = None
@@ -75,7 +69,10 @@ class RouteOptions:
     """Options on exported routes, drives and route graphs.
 
     Attributes:
+        routes (FILE): A route written by `ambinav plan`; repeatable.
         step (M): Distance between the poses of a path, metres. [default: 0.05]
+        drives (FILE): A drive.csv of a comparison, or a trajectory .tum; repeatable.
+        weight: Weight of the layer in a cost. [default: 5]
         robot_radius (M): Radius of a round robot. [default: 0.2]
         milestones (N): Milestones of the roadmap. [default: 500]
         seed (N): Seed of the roadmap. [default: 0]
@@ -83,56 +80,23 @@ class RouteOptions:
 
     PANEL: ClassVar[str] = "Routes, drives and graphs"
 
-    routes: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--route", metavar="FILE", help="A route written by `ambinav plan`; repeatable."
-        ),
-    ] = None
+    routes: Annotated[list[Path] | None, typer.Option("--route")] = None
     step: float | None = None
-    drives: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--drive",
-            metavar="FILE",
-            help="A drive.csv of a comparison, or a trajectory .tum; repeatable.",
-        ),
-    ] = None
-    weight: Annotated[
-        float | None,
-        typer.Option("--weight", "-w", help="Weight of the layer in a cost.", show_default="5"),
-    ] = None
+    drives: Annotated[list[Path] | None, typer.Option("--drive")] = None
+    weight: Annotated[float | None, typer.Option("--weight", "-w")] = None
     robot_radius: float | None = None
     milestones: int | None = None
     seed: int | None = None
 
 
-@options.grouped
+@options.documented
 def export(
     map_file: options.StoredMap,
-    kind: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="KIND",
-            help="Kind of file; see --list-kinds.",
-            show_default=False,
-            autocompletion=_complete_kind,
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            help="File to write, with further files beside it; for a drive a folder.",
-            show_default=False,
-        ),
-    ],
+    kind: Annotated[str, typer.Option("--to", autocompletion=_complete_kind)],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     floor: FloorOptions,
     along: RouteOptions,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    overwrite: bool = False,
     as_json: options.AsJson = False,
     list_kinds: Annotated[
         bool,
@@ -144,6 +108,11 @@ def export(
     """Write files for other programs: Nav2, Autoware, GIS, Foxglove, NumPy.
 
     Example: `ambinav export office.zarr --to nav2-speed -o speed_mask.yaml`
+
+    Parameters:
+        kind (KIND): Kind of file; see --list-kinds.
+        output (OUT): File to write, with further files beside it; for a drive a folder.
+        overwrite: Replace existing files.
     """
     with reporting():
         from ambinav.export.formats.exporting import export_map, prepare

@@ -66,44 +66,17 @@ class WorkerOptions:
             threads_of(self.dask, "--dask")
 
 
-@options.grouped
+@options.documented
 def audit_fleet(
-    sites: Annotated[
-        str,
-        typer.Argument(
-            metavar="SITES.csv|FOLDER",
-            help="A table with the columns site and building (and date, scanner, level, unit, "
-            "height, doors, glass), or a folder of buildings; either may be a URL.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        str,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR|URL",
-            help="Folder or URL for the results; those of an earlier run there are kept.",
-            show_default=False,
-        ),
-    ],
+    sites: Annotated[str, typer.Argument()],
+    output: Annotated[str, typer.Option("--output", "-o")],
     scanner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scanner",
-            "-s",
-            metavar="PRESET|FILE",
-            help="A preset or a scanner .yaml file; repeatable.",
-            show_default="the column scanner",
-            autocompletion=options.complete_preset,
-        ),
+        list[str] | None, typer.Option("--scanner", "-s", autocompletion=options.complete_preset)
     ] = None,
     spacing: Spacing = 0.1,
     radius: AmbiguityRadius = 0.5,
     robot_radius: RobotRadius = None,
-    no_advice: Annotated[
-        bool, typer.Option("--no-advice", help="Leave out what each site needs: much faster.")
-    ] = False,
+    no_advice: bool = False,
     *,
     running: WorkerOptions,
     gate: FleetGate,
@@ -120,6 +93,14 @@ def audit_fleet(
     and the results of each site.
 
     Example: `ambinav fleet audit sites/ --scanner rplidar-a1 -o fleet --fail-if "bad > 5 %"`
+
+    Parameters:
+        sites (SITES.csv|FOLDER): A table with the columns site and building (and date, scanner,
+            level, unit, height, doors, glass), or a folder of buildings; either may be a URL.
+        output (DIR|URL): Folder or URL for the results; those of an earlier run there are kept.
+        scanner (PRESET|FILE): A preset or a scanner .yaml file; repeatable. [default: the column
+            scanner]
+        no_advice: Leave out what each site needs: much faster.
     """
     with reporting():
         if running.dask is None and running.workers != 0:

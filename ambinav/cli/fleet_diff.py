@@ -14,7 +14,7 @@ from ambinav.cli.running import reporting
 _OUTPUT = "An output of `ambinav fleet audit`: a folder or a URL."
 
 
-@options.grouped
+@options.documented
 def diff_fleets(
     first: Annotated[str, typer.Argument(metavar="A", help=_OUTPUT, show_default=False)],
     second: Annotated[str, typer.Argument(metavar="B", help=_OUTPUT, show_default=False)],

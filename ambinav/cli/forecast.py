@@ -22,30 +22,22 @@ if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecast
 
 
-@options.grouped
+@options.documented
 def forecast(
     map_file: options.StoredMap,
-    route_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="ROUTE", help="A route that `ambinav plan` wrote.", show_default=False
-        ),
-    ],
+    route_file: Annotated[Path, typer.Argument()],
     robot: ForecastOptions,
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="FILE",
-            help="Draw where robots get lost and how the error grows: .png, .pdf or .svg.",
-            show_default="none",
-        ),
-    ] = None,
+    picture: Path | None = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Forecast how far off a robot's localizer will be along a route, and how likely it gets lost.
 
     Example: `ambinav forecast office.zarr route.csv --odometry poor --picture forecast.png`
+
+    Parameters:
+        route_file (ROUTE): A route that `ambinav plan` wrote.
+        picture (FILE): Draw where robots get lost and how the error grows: .png, .pdf or .svg.
+            [default: none]
     """
     with reporting():
         robot.check()

@@ -35,7 +35,14 @@ def _complete_odometry(begun: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class ForecastOptions:
-    """Options on the localizer and the odometry of a forecast."""
+    """Options on the localizer and the odometry of a forecast.
+
+    Attributes:
+        position_limit (M): A robot is lost that is farther off, metres. [default: 0.5]
+        lateral_limit (M): A robot is lost that is farther off across its heading, as on a lane;
+            --position-limit then holds along the heading. [default: none]
+        heading_limit (DEG): A robot is lost that is turned by more, degrees. [default: 30]
+    """
 
     PANEL: ClassVar[str] = "Forecast"
 
@@ -61,34 +68,9 @@ class ForecastOptions:
         ),
     ] = None
 
-    position_limit: Annotated[
-        float | None,
-        typer.Option(
-            "--position-limit",
-            metavar="M",
-            help="A robot is lost that is farther off, metres.",
-            show_default="0.5",
-        ),
-    ] = None
-    lateral_limit: Annotated[
-        float | None,
-        typer.Option(
-            "--lateral-limit",
-            metavar="M",
-            help="A robot is lost that is farther off across its heading, as on a lane; "
-            "--position-limit then holds along the heading.",
-            show_default="none",
-        ),
-    ] = None
-    heading_limit: Annotated[
-        float | None,
-        typer.Option(
-            "--heading-limit",
-            metavar="DEG",
-            help="A robot is lost that is turned by more, degrees.",
-            show_default="30",
-        ),
-    ] = None
+    position_limit: float | None = None
+    lateral_limit: float | None = None
+    heading_limit: float | None = None
 
     @property
     def wanted(self) -> bool:

@@ -19,35 +19,17 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
 
 
-@options.grouped
+@options.documented
 def build(
     map_file: options.MapFile,
     scanner: options.Scanner,
-    output: Annotated[
-        str,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT.zarr",
-            help="The map to write, a folder or a URL such as s3://maps/office.zarr; an older map "
-            "there is replaced, except with --tile at a URL.",
-            show_default=False,
-        ),
-    ],
+    output: Annotated[str, typer.Option("--output", "-o")],
     building: BuildingOptions,
     making: MapOptions,
     space: SpaceOptions,
     tiling: TileOptions,
     flying: VolumeOptions,
-    robot_radius: Annotated[
-        float,
-        typer.Option(
-            "--robot-radius",
-            metavar="M",
-            help="Leave out poses where a disc of this radius would touch a wall; sensors are "
-            "never inside a wall.",
-        ),
-    ] = 0.0,
+    robot_radius: float = 0.0,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -59,6 +41,12 @@ def build(
 
     For a flying robot: `ambinav map office.ifc --in-space --heights 0.5:1.9:0.35 -s rplidar-a1
     -o building.zarr`
+
+    Parameters:
+        output (OUT.zarr): The map to write, a folder or a URL such as s3://maps/office.zarr; an
+            older map there is replaced, except with --tile at a URL.
+        robot_radius (M): Leave out poses where a disc of this radius would touch a wall; sensors
+            are never inside a wall.
     """
     with reporting():
         making.check()

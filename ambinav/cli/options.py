@@ -7,12 +7,11 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
-from typer.models import OptionInfo
 
 from ambinav.cli.running import note
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
 
 
-_ATTRIBUTE = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
+_ENTRY = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
 
 
 def complete_preset(begun: str) -> list[str]:
@@ -102,34 +101,36 @@ Trust = Annotated[
 ]
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command whose parameters may be option groups: dataclasses.
+def documented(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorate a command whose docstring describes its options.
 
-    The command line has the fields of a group as options, in a panel of the help with the title
-    that its `PANEL` gives; the command gets the group. A field without an annotation of its own is
-    the option of its name, described by the docstring of the class, under "Attributes":
+    A parameter without an annotation of typer's is the option of its name; metavar, help and shown
+    default of an option or an argument without help are those of its entry under "Parameters":
 
         spacing (M): Distance between map cells, metres. [default: what the help shows as such]
+
+    A parameter may also be an option group: a dataclass, whose fields are options in a panel of the
+    help with the title that its `PANEL` gives, described by its docstring under "Attributes"; the
+    command gets the group.
     """
     hints = get_type_hints(command, include_extras=True)
+    text, _, own = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
     groups: dict[str, Any] = {}
     parameters = []
     for parameter in inspect.signature(command).parameters.values():
         kind: Any = hints[parameter.name]
         if not dataclasses.is_dataclass(kind):
+            plain, info = _described(parameter.name, kind, _entries(own))
             parameters.append(
-                parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY)
+                parameter.replace(
+                    annotation=Annotated[plain, info], kind=inspect.Parameter.KEYWORD_ONLY
+                )
             )
             continue
         groups[parameter.name] = kind
-        types, described = get_type_hints(kind, include_extras=True), _described(kind)
+        types, entries = get_type_hints(kind, include_extras=True), _entries_of(kind)
         for field in dataclasses.fields(kind):
-            plain = types[field.name]
-            if get_origin(plain) is Annotated:
-                plain, info = get_args(plain)
-                info = copy.copy(info)  # which commands without the group may share
-            else:  # Python without docstrings (-OO) has options without help.
-                info = described.get(field.name) or typer.Option(_flag(field.name))
+            plain, info = _described(field.name, types[field.name], entries)
             info.rich_help_panel = vars(kind)["PANEL"]
             parameters.append(
                 inspect.Parameter(
@@ -147,27 +148,38 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             given[name] = kind(**own)
         command(**given)
 
+    expanded.__doc__ = text
     expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     expanded.__annotations__ = {each.name: each.annotation for each in parameters}
     return expanded
 
 
-def _described(kind: Any) -> dict[str, OptionInfo]:
-    """Return the options that the docstrings of a group and of its bases describe, by field."""
-    options: dict[str, OptionInfo] = {}
+def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tuple[Any, Any]:
+    """Return the type of a parameter, and its option or argument with the text of its entry."""
+    if get_origin(kind) is Annotated:
+        plain, info = get_args(kind)
+        info = copy.copy(info)  # which other commands may share
+    else:
+        plain, info = kind, typer.Option(f"--{name.replace('_', '-')}")
+    # Python without docstrings (-OO) has options without help.
+    if info.help is None and name in entries:
+        info.metavar, info.help, shown = entries[name].groups()[1:]
+        info.show_default = shown or True
+    return plain, info
+
+
+def _entries_of(kind: Any) -> dict[str, re.Match[str]]:
+    """Return the entries in the docstrings of a group and of its bases, by field."""
+    entries: dict[str, re.Match[str]] = {}
     for base in reversed(kind.__mro__):
-        _, _, attributes = (inspect.getdoc(base) or "").partition("\nAttributes:\n")
-        for entry in re.split(r"\n(?=    \w)", attributes):
-            if (match := _ATTRIBUTE.fullmatch(" ".join(entry.split()))) is not None:
-                name, metavar, text, shown = match.groups()
-                options[name] = typer.Option(
-                    _flag(name), metavar=metavar, help=text, show_default=shown or True
-                )
-    return options
+        entries |= _entries((inspect.getdoc(base) or "").partition("\nAttributes:\n")[2])
+    return entries
 
 
-def _flag(field: str) -> str:
-    return f"--{field.replace('_', '-')}"
+def _entries(section: str) -> dict[str, re.Match[str]]:
+    """Return the entries in a section of a docstring, by the name that each begins with."""
+    texts = (" ".join(entry.split()) for entry in re.split(r"\n(?=    \w)", section))
+    return {match[1]: match for match in map(_ENTRY.fullmatch, texts) if match is not None}
 
 
 def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:

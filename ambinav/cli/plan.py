@@ -48,7 +48,7 @@ def _list_planners(wanted: bool) -> None:
     raise typer.Exit
 
 
-@options.grouped
+@options.documented
 def plan(
     map_file: options.StoredMap,
     start: Annotated[
@@ -59,17 +59,7 @@ def plan(
         str,
         typer.Option("--goal", metavar="X Y [Z]", help=_POSITION, show_default=False),
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE|DIR",
-            help="Route file: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a "
-            "folder.",
-            show_default=False,
-        ),
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     mission: MissionOptions,
     graph: GraphOptions,
     search: SearchOptions,
@@ -99,6 +89,10 @@ def plan(
 
     For a flying robot, in a volume of `ambinav map --heights`: `ambinav plan building.zarr --space
     r3 --start 2 3 0.6 --goal 20 8 1.8 -o route.csv`
+
+    Parameters:
+        output (FILE|DIR): Route file: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a
+            folder.
     """
     with reporting():
         if robot.space == FLIGHT:

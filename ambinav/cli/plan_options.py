@@ -66,6 +66,9 @@ class SearchOptions:
     """Options on the planner and its time limit.
 
     Attributes:
+        planner (NAME): Planner; see --list-planners. auto: reference for a disc in r2,
+            informed-rrtstar in r3, prmstar otherwise and with --iterations.
+        time (S): Time for planning, seconds.
         iterations (N): Number of iterations after which the planner stops, whatever the time.
             [default: no limit]
         seed (N): Seed of the planner's random numbers, 0 or more. [default: different each time]
@@ -73,20 +76,10 @@ class SearchOptions:
 
     PANEL: ClassVar[str] = "Planner"
 
-    planner: Annotated[
-        str,
-        typer.Option(
-            "--planner",
-            "-p",
-            metavar="NAME",
-            help="Planner; see --list-planners. auto: reference for a disc in r2, informed-rrtstar "
-            "in r3, prmstar otherwise and with --iterations.",
-            autocompletion=_complete_planner,
-        ),
-    ] = AUTO
-    time: Annotated[
-        float, typer.Option("--time", "-t", metavar="S", help="Time for planning, seconds.")
-    ] = 1.0
+    planner: Annotated[str, typer.Option("--planner", "-p", autocompletion=_complete_planner)] = (
+        AUTO
+    )
+    time: Annotated[float, typer.Option("--time", "-t")] = 1.0
     iterations: int | None = None
     seed: int | None = None
     improve: Annotated[
@@ -117,6 +110,7 @@ class CostOptions:
     """Options on the cost per metre.
 
     Attributes:
+        weight: Extra cost of a metre at level 1, in metres.
         layer (NAME): Layer from which the cost is computed. [default: as suits the map's scanner:
             position if its sensors differ, otherwise level]
         clearance_weight: Extra cost of a metre along a wall, in metres.
@@ -128,10 +122,7 @@ class CostOptions:
 
     PANEL: ClassVar[str] = "Cost"
 
-    weight: Annotated[
-        float,
-        typer.Option("--weight", "-w", help="Extra cost of a metre at level 1, in metres."),
-    ] = 5.0
+    weight: Annotated[float, typer.Option("--weight", "-w")] = 5.0
     layer: str | None = None
     clearance_weight: float = 0.0
     comfort: float = 0.5

@@ -8,25 +8,22 @@ from typing import Annotated
 
 import typer
 
-from ambinav.cli.options import AsJson
+from ambinav.cli.options import AsJson, documented
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import reporting
 
 
+@documented
 def presets(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME]",
-            help="Print this preset's YAML, e.g. as a template for your own file.",
-            show_default=False,
-        ),
-    ] = None,
+    name: Annotated[str | None, typer.Argument()] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the bundled scanners, or print one as YAML.
 
     Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`
+
+    Parameters:
+        name ([NAME]): Print this preset's YAML, e.g. as a template for your own file.
     """
     with reporting():
         from ambinav.sensing.preset_summary import preset_summaries

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ambinav.cli.options import documented
 from ambinav.cli.packages import need
 from ambinav.cli.running import reporting
 from ambinav.runtime.errors import InputError
@@ -19,100 +20,47 @@ BACKLOG = 2048
 """Connections that wait to be accepted, as in uvicorn."""
 
 
+@documented
 def serve(
-    maps: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="MAP.zarr...",
-            help="Ambiguity maps made by `ambinav map`: folders, or URLs such as "
-            "s3://maps/office.zarr.",
-            show_default=False,
-        ),
-    ],
-    host: Annotated[
-        str,
-        typer.Option(
-            "--host",
-            metavar="ADDRESS",
-            help="Address to listen on; 0.0.0.0: all network interfaces.",
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option("--port", metavar="N", help="Port; 0: any free port.")
-    ] = 8765,
-    token: Annotated[
-        str | None,
-        typer.Option(
-            "--token",
-            metavar="TEXT",
-            envvar="AMBINAV_TOKEN",
-            help="Answer only requests with the header `Authorization: Bearer TEXT`.",
-            show_default="no token is required",
-        ),
-    ] = None,
+    maps: Annotated[list[str], typer.Argument()],
+    host: str = "127.0.0.1",
+    port: int = 8765,
+    token: Annotated[str | None, typer.Option("--token", envvar="AMBINAV_TOKEN")] = None,
     read_token: Annotated[
-        str | None,
-        typer.Option(
-            "--read-token",
-            metavar="TEXT",
-            envvar="AMBINAV_READ_TOKEN",
-            help="Token for everything except edits and audits, which need --token.",
-            show_default="none",
-        ),
+        str | None, typer.Option("--read-token", envvar="AMBINAV_READ_TOKEN")
     ] = None,
-    insecure: Annotated[
-        bool,
-        typer.Option("--insecure", help="Listen to other machines without a token."),
-    ] = False,
-    allowed_host: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--allowed-host",
-            metavar="NAME",
-            help="A further name of this server in addresses; several times for several.",
-            show_default="this machine's own",
-        ),
-    ] = None,
-    public_url: Annotated[
-        str | None,
-        typer.Option(
-            "--public-url",
-            metavar="URL",
-            help="Address of the page behind a proxy, e.g. https://maps.example.org/ambinav.",
-            show_default="the server's own",
-        ),
-    ] = None,
-    trusted_proxy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--trusted-proxy",
-            metavar="ADDRESS",
-            help="Address or network of a proxy whose X-Forwarded-For and X-Forwarded-Proto are "
-            "used; several times for several.",
-            show_default="none",
-        ),
-    ] = None,
-    state: Annotated[
-        Path | None,
-        typer.Option(
-            "--state",
-            metavar="DIR",
-            help="Keep edits, plans and audits in this folder, for the next start.",
-            show_default="they end with the server",
-        ),
-    ] = None,
-    log: Annotated[
-        bool,
-        typer.Option("--log", help="Write one line of JSON per request to the standard error."),
-    ] = False,
-    check: Annotated[
-        bool,
-        typer.Option("--check", help="Exit as soon as the server is ready."),
-    ] = False,
+    insecure: bool = False,
+    allowed_host: list[str] | None = None,
+    public_url: str | None = None,
+    trusted_proxy: list[str] | None = None,
+    state: Path | None = None,
+    log: bool = False,
+    check: bool = False,
 ) -> None:
     """Serve ambiguity maps over HTTP to other programs and as a web page.
 
     Example: `ambinav serve office.zarr`
+
+    Parameters:
+        maps (MAP.zarr...): Ambiguity maps made by `ambinav map`: folders, or URLs such as
+            s3://maps/office.zarr.
+        host (ADDRESS): Address to listen on; 0.0.0.0: all network interfaces.
+        port (N): Port; 0: any free port.
+        token (TEXT): Answer only requests with the header `Authorization: Bearer TEXT`. [default:
+            no token is required]
+        read_token (TEXT): Token for everything except edits and audits, which need --token.
+            [default: none]
+        insecure: Listen to other machines without a token.
+        allowed_host (NAME): A further name of this server in addresses; several times for several.
+            [default: this machine's own]
+        public_url (URL): Address of the page behind a proxy, e.g. https://maps.example.org/ambinav.
+            [default: the server's own]
+        trusted_proxy (ADDRESS): Address or network of a proxy whose X-Forwarded-For and
+            X-Forwarded-Proto are used; several times for several. [default: none]
+        state (DIR): Keep edits, plans and audits in this folder, for the next start. [default: they
+            end with the server]
+        log: Write one line of JSON per request to the standard error.
+        check: Exit as soon as the server is ready.
     """
     with reporting():
         need("ambinav serve", ("fastapi", "uvicorn", "prometheus_client"), "serve")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import printing
-from ambinav.cli.options import AsJson
+from ambinav.cli.options import AsJson, documented
 from ambinav.cli.running import reporting
 
 if TYPE_CHECKING:
@@ -57,18 +57,17 @@ def list_maps(as_json: AsJson = False) -> None:
 
 
 @store.command("show")
+@documented
 def show(
-    key: Annotated[
-        str,
-        typer.Argument(
-            metavar="KEY", help="A map's key, or its beginning; see list.", show_default=False
-        ),
-    ],
+    key: Annotated[str, typer.Argument()],
     as_json: AsJson = False,
 ) -> None:
     """Show the input and the parameters of a stored map.
 
     Example: `ambinav store show 9730e8`
+
+    Parameters:
+        key (KEY): A map's key, or its beginning; see list.
     """
     with reporting():
         from ambinav.store.map_store import MapStore
@@ -87,16 +86,17 @@ def show(
 
 
 @store.command("verify")
+@documented
 def verify_maps(
-    keys: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[KEY]...", help="Keys, or their beginnings.", show_default="all"),
-    ] = None,
+    keys: Annotated[list[str] | None, typer.Argument()] = None,
     as_json: AsJson = False,
 ) -> None:
     """Read stored maps in full, and set damaged ones aside; exit status 3 if there are any.
 
     Example: `ambinav store verify`
+
+    Parameters:
+        keys ([KEY]...): Keys, or their beginnings. [default: all]
     """
     with reporting():
         from ambinav.store.map_store import MapStore
@@ -119,28 +119,22 @@ def verify_maps(
 
 
 @store.command("prune")
+@documented
 def prune_maps(
-    limit: Annotated[
-        str | None,
-        typer.Option(
-            "--limit",
-            metavar="SIZE",
-            help="Size to keep, e.g. 500 MB; the least recently used maps are removed first.",
-            show_default="$AMBINAV_CACHE_LIMIT, or 5 GB",
-        ),
-    ] = None,
-    other_code: Annotated[
-        bool,
-        typer.Option("--other-code", help="Remove maps computed by other versions or libraries."),
-    ] = False,
-    every: Annotated[
-        bool, typer.Option("--all", help="Remove all maps, except those of a newer ambinav.")
-    ] = False,
+    limit: str | None = None,
+    other_code: bool = False,
+    every: Annotated[bool, typer.Option("--all")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Remove stored maps, and the remains of killed runs.
 
     Example: `ambinav store prune --limit "1 GB"`
+
+    Parameters:
+        limit (SIZE): Size to keep, e.g. 500 MB; the least recently used maps are removed first.
+            [default: $AMBINAV_CACHE_LIMIT, or 5 GB]
+        other_code: Remove maps computed by other versions or libraries.
+        every: Remove all maps, except those of a newer ambinav.
     """
     with reporting():
         from ambinav.store.map_store import MapStore

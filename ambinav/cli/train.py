@@ -20,53 +20,15 @@ if TYPE_CHECKING:
     from ambinav_envs.training.run import StatusCallback, TrainingStatus
 
 
+@options.documented
 def train(
-    config_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CONFIG.yaml",
-            help="Algorithm, environment, network and duration; see configs and docs/training.md.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for all files of the run.",
-            show_default=False,
-        ),
-    ],
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Resume from the latest checkpoint in DIR.")
-    ] = False,
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", help="Seed.", show_default="that of the configuration"),
-    ] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option(
-            "--minutes", metavar="M", help="Training time, instead of the configuration's limits."
-        ),
-    ] = None,
-    steps: Annotated[
-        int | None,
-        typer.Option(
-            "--steps", metavar="N", help="Training steps, instead of the configuration's limits."
-        ),
-    ] = None,
-    task: Annotated[
-        str | None,
-        typer.Option(
-            "--task",
-            metavar="ID",
-            help="Gymnasium id of the environment.",
-            show_default="the configuration's",
-        ),
-    ] = None,
+    config_file: Annotated[Path, typer.Argument()],
+    output: Annotated[Path, typer.Option("--output", "-o")],
+    resume: bool = False,
+    seed: int | None = None,
+    minutes: float | None = None,
+    steps: int | None = None,
+    task: str | None = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a policy that navigates with a localizer in the loop.
@@ -75,6 +37,16 @@ def train(
     it is installed, and all that is needed to repeat the run. After Ctrl-C, `--resume` continues.
 
     Example: `ambinav train configs/ppo.yaml -o out/ppo`
+
+    Parameters:
+        config_file (CONFIG.yaml): Algorithm, environment, network and duration; see configs and
+            docs/training.md.
+        output (DIR): Folder for all files of the run.
+        resume: Resume from the latest checkpoint in DIR.
+        seed (N): Seed. [default: that of the configuration]
+        minutes (M): Training time, instead of the configuration's limits.
+        steps (N): Training steps, instead of the configuration's limits.
+        task (ID): Gymnasium id of the environment. [default: the configuration's]
     """
     with reporting():
         if minutes is not None and steps is not None:
