@@ -6,6 +6,7 @@ Every command lives in a module of its own, and imports what computes only when 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -13,16 +14,23 @@ import typer
 from ambinav.cli import interrupts, positions
 from ambinav.cli.audit import audit
 from ambinav.cli.benchmark import benchmark
-from ambinav.cli.calibrate import calibrate
+from ambinav.cli.calibrate_localizer import localizer
+from ambinav.cli.calibrate_sensor import sensor
 from ambinav.cli.card import card
 from ambinav.cli.compare import compare
 from ambinav.cli.dataset import dataset
 from ambinav.cli.demo import demo
-from ambinav.cli.design import design
+from ambinav.cli.design_beams import beams
+from ambinav.cli.design_for import requirement
+from ambinav.cli.design_place import place
+from ambinav.cli.design_reflectors import reflectors
+from ambinav.cli.design_scanners import scanners
+from ambinav.cli.design_sweep import sweep
 from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
-from ambinav.cli.fleet import fleet
+from ambinav.cli.fleet_audit import audit_fleet
+from ambinav.cli.fleet_diff import diff_fleets
 from ambinav.cli.forecast import forecast
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
@@ -56,9 +64,38 @@ app.command("demo")(demo)
 app.command("serve")(serve)
 app.command("presets")(presets)
 app.command("plugins")(plugins)
-app.add_typer(calibrate)
-app.add_typer(design)
-app.add_typer(fleet)
+
+
+def _add_group(name: str, text: str, **commands: Callable[..., None]) -> None:
+    """Add commands under a common name, in the order of the help."""
+    group = typer.Typer(name=name, no_args_is_help=True, rich_markup_mode="markdown", help=text)
+    for command, function in commands.items():
+        group.command(command)(function)
+    app.add_typer(group)
+
+
+_add_group(
+    "calibrate",
+    "Fit a sensor to measured pairs, or the forecasts of a localizer to its drives.",
+    sensor=sensor,
+    localizer=localizer,
+)
+_add_group(
+    "design",
+    "Choose and mount the scanner, and find what would help where it is lost.",
+    sweep=sweep,
+    scanners=scanners,
+    beams=beams,
+    place=place,
+    reflectors=reflectors,
+    **{"for": requirement},
+)
+_add_group(
+    "fleet",
+    "Audit many buildings, and compare two such audits.",
+    audit=audit_fleet,
+    diff=diff_fleets,
+)
 app.add_typer(store)
 
 

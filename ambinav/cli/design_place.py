@@ -101,8 +101,6 @@ class ObstacleOptions(PositionOptions):
         seed (N): Seed of the aged buildings, and of the samples of `--examine`.
     """
 
-    PANEL: ClassVar[str] = "Obstacles"
-
     candidates: int = 400
     posts: int | None = None
     panels: int | None = None

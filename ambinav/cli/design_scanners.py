@@ -96,8 +96,6 @@ class ComparedSpaceOptions(SpaceOptions):
             [default: 0.3]
     """
 
-    PANEL: ClassVar[str] = "Space"
-
     scanner_height: float | None = None
 
     @property

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -17,50 +18,36 @@ HOLDS = 3
 """Exit status where a condition holds."""
 
 
-def _audit_quantities() -> Quantities:
-    from ambinav.studies.audit.figures import QUANTITIES
-
-    return QUANTITIES
-
-
-def _diff_quantities() -> Quantities:
-    from ambinav.studies.diff.figures import QUANTITIES
-
-    return QUANTITIES
+AUDIT = "ambinav.studies.audit.figures"
+DIFF = "ambinav.studies.diff.figures"
+FLEET_DIFF = "ambinav.studies.fleet.difference"
+"""Modules whose `QUANTITIES` conditions may name; imported only when they are needed."""
 
 
-def _fleet_diff_quantities() -> Quantities:
-    from ambinav.studies.fleet.difference import QUANTITIES
+def _quantities(module: str) -> Quantities:
+    known: Quantities = import_module(module).QUANTITIES
+    return known
 
-    return QUANTITIES
 
-
-def _fail_if(text: str, quantities: Callable[[], Quantities]) -> Any:
-    """Return the option --fail-if with its help, and with `list` a table of all figures."""
+def _fail_if(module: str) -> Any:
+    """Return the option --fail-if, which prints a table of all figures of a module for `list`."""
 
     def listed(given: list[str] | None) -> list[str] | None:
         if not given or "list" not in given:
             return given
         with reporting():
-            known = quantities().values()
+            known = _quantities(module).values()
             width = max(len(quantity.name) for quantity in known)
             for quantity in known:
                 typer.echo(f"{quantity.name:{width}}  {quantity.unit:2}  {quantity.meaning}")
         raise typer.Exit
 
-    return typer.Option(
-        "--fail-if",
-        metavar="CONDITION",
-        help=f'{text}; repeatable. "list" names all figures.',
-        show_default="none",
-        callback=listed,
-        is_eager=True,
-    )
+    return typer.Option("--fail-if", callback=listed, is_eager=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gate:
-    """Options common to both gates.
+    """Options common to all gates.
 
     Attributes:
         junit (FILE): Write JUnit XML, with a test case for each condition. [default: none]
@@ -68,10 +55,11 @@ class Gate:
             none]
     """
 
+    PANEL: ClassVar[str] = "Gate"
     COMMAND: ClassVar[str]
     """Of the command line."""
-    FIGURES: ClassVar[tuple[Callable[[], Quantities]]]
-    """Gives what conditions may name; in a tuple, so that it is no method."""
+    FIGURES: ClassVar[str]
+    """Module with what conditions may name."""
 
     fail_if: list[str] | None = None
     junit: Path | None = None
@@ -88,7 +76,7 @@ class Gate:
                 say.
         """
         given = self.fail_if or []
-        parsed = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
+        parsed = tuple(parse_condition(text, _quantities(self.FIGURES)) for text in given)
         files = {"--junit": self.junit, "--sarif": self.sarif}
         chosen = {option: path for option, path in files.items() if path is not None}
         for option, path in chosen.items():
@@ -146,19 +134,17 @@ class Gate:
 
 @dataclass(frozen=True, kw_only=True)
 class AuditGate(Gate):
-    """The gate of an audit."""
+    """The gate of an audit.
 
-    PANEL: ClassVar[str] = "Gate"
+    Attributes:
+        fail_if (CONDITION): End with status 3 if this holds, e.g. "open > 2 %" or "longest open
+            stretch > 4 m"; repeatable. "list" names all figures. [default: none]
+    """
+
     COMMAND = "audit"
-    FIGURES = (_audit_quantities,)
+    FIGURES = AUDIT
 
-    fail_if: Annotated[
-        list[str] | None,
-        _fail_if(
-            'End with status 3 if this holds, e.g. "open > 2 %" or "longest open stretch > 4 m"',
-            _audit_quantities,
-        ),
-    ] = None
+    fail_if: Annotated[list[str] | None, _fail_if(AUDIT)] = None
 
     def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
         """Return whether to search for perceptual aliasing: a condition may require it.
@@ -178,35 +164,32 @@ class AuditGate(Gate):
 
 @dataclass(frozen=True, kw_only=True)
 class DiffGate(Gate):
-    """The gate of a difference."""
+    """The gate of a difference.
 
-    PANEL: ClassVar[str] = "Gate"
+    Attributes:
+        fail_if (CONDITION): End with status 3 if this holds, e.g. "new open area > 1 m2" or "worse
+            area > 5 m2"; repeatable. "list" names all figures. [default: none]
+    """
+
     COMMAND = "diff"
-    FIGURES = (_diff_quantities,)
+    FIGURES = DIFF
 
-    fail_if: Annotated[
-        list[str] | None,
-        _fail_if(
-            'End with status 3 if this holds, e.g. "new open area > 1 m2" or "worse area > 5 m2"',
-            _diff_quantities,
-        ),
-    ] = None
+    fail_if: Annotated[list[str] | None, _fail_if(DIFF)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class FleetGate(Gate):
-    """The gate of a fleet: the figures of an audit, at any site."""
+    """The gate of a fleet: the figures of an audit, at any site.
 
-    PANEL: ClassVar[str] = "Gate"
+    Attributes:
+        fail_if (CONDITION): End with status 3 if this holds at any site, e.g. "bad > 5 %";
+            repeatable. "list" names all figures. [default: none]
+    """
+
     COMMAND = "fleet audit"
-    FIGURES = (_audit_quantities,)
+    FIGURES = AUDIT
 
-    fail_if: Annotated[
-        list[str] | None,
-        _fail_if(
-            'End with status 3 if this holds at any site, e.g. "bad > 5 %"', _audit_quantities
-        ),
-    ] = None
+    fail_if: Annotated[list[str] | None, _fail_if(AUDIT)] = None
 
     def conditions(self, output: Path | None) -> tuple[Condition, ...]:
         """Read the conditions and check the files; see `Gate.conditions`."""
@@ -224,15 +207,14 @@ class FleetGate(Gate):
 
 @dataclass(frozen=True, kw_only=True)
 class FleetDiffGate(Gate):
-    """The gate of a difference of fleets."""
+    """The gate of a difference of fleets.
 
-    PANEL: ClassVar[str] = "Gate"
+    Attributes:
+        fail_if (CONDITION): End with status 3 if this holds, e.g. "bad change > 1 m2"; repeatable.
+            "list" names all figures. [default: none]
+    """
+
     COMMAND = "fleet diff"
-    FIGURES = (_fleet_diff_quantities,)
+    FIGURES = FLEET_DIFF
 
-    fail_if: Annotated[
-        list[str] | None,
-        _fail_if(
-            'End with status 3 if this holds, e.g. "bad change > 1 m2"', _fleet_diff_quantities
-        ),
-    ] = None
+    fail_if: Annotated[list[str] | None, _fail_if(FLEET_DIFF)] = None

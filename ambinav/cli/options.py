@@ -131,7 +131,7 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
         types, entries = get_type_hints(kind, include_extras=True), _entries_of(kind)
         for field in dataclasses.fields(kind):
             plain, info = _described(field.name, types[field.name], entries)
-            info.rich_help_panel = vars(kind)["PANEL"]
+            info.rich_help_panel = groups[parameter.name].PANEL
             parameters.append(
                 inspect.Parameter(
                     field.name,

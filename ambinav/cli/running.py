@@ -47,10 +47,10 @@ def reporting() -> Iterator[None]:
         try:
             yield
         except InputError as error:
-            _say(f"ambinav: error: {error}")
+            say(f"ambinav: error: {error}")
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
-            _say("ambinav: interrupted, nothing was written.")
+            say("ambinav: interrupted, nothing was written.")
             raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, typer.Abort):
             raise
@@ -59,7 +59,7 @@ def reporting() -> Iterator[None]:
             raise typer.Exit(OUR_FAULT) from None
         except Exception as error:
             traceback.print_exc()
-            _say(f"ambinav: internal error, please report it: {type(error).__name__}: {error}")
+            say(f"ambinav: internal error, please report it: {type(error).__name__}: {error}")
             raise typer.Exit(OUR_FAULT) from None
 
 
@@ -69,7 +69,7 @@ def resumable(work: Path | str, kept: str) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        _say(f"ambinav: interrupted; {kept} in {work}, and the same command resumes from there.")
+        say(f"ambinav: interrupted; {kept} in {work}, and the same command resumes from there.")
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -90,7 +90,7 @@ class _Notes:
     ) -> None:
         if str(message) not in self.printed:
             self.printed.add(str(message))
-            _say(f"ambinav: note: {message}")
+            say(f"ambinav: note: {message}")
 
 
 @contextlib.contextmanager
@@ -105,22 +105,21 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
     if not sys.stderr.isatty():
         yield _ProgressLines
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     from ambinav.runtime.compiling import announce
 
     announce()
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    times = TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()
-    with Progress(*columns, *times, console=Console(stderr=True)) as bars:
+    columns = (
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.TaskProgressColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TextColumn("left"),
+        progress.TimeRemainingColumn(),
+    )
+    with progress.Progress(*columns, console=Console(stderr=True)) as bars:
 
         def start(text: str) -> Callable[[float], None]:
             task = bars.add_task(text, total=1.0)
@@ -170,7 +169,7 @@ class _ProgressLines:
             taken = now - self._started
             left = f", about {taken * (1.0 / fraction - 1.0):.0f} s left"
             left = left if fraction >= ESTIMATED_FROM else ""
-            _say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {taken:.0f} s{left}")
+            say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {taken:.0f} s{left}")
 
 
 def check_writable(output: Path) -> None:
@@ -274,8 +273,9 @@ def not_negative(value: float | None, option: str, example: str, unit: str = "me
 
 def note(text: str) -> None:
     """Print a note on stderr, as `reporting` does with warnings."""
-    _say(f"ambinav: note: {text}")
+    say(f"ambinav: note: {text}")
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
+    """Print a line on stderr."""
     print(text, file=sys.stderr, flush=True)

@@ -104,8 +104,6 @@ class SpaceOptions(HeightOptions):
         voxel_points (N): Leave out voxels with fewer points, as outliers. [default: 1]
     """
 
-    PANEL: ClassVar[str] = "Space"
-
     scanner_height: float | None = None
     robot_height: float | None = None
     floor: float | None = None

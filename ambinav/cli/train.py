@@ -13,7 +13,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import INTERRUPTED, above_zero, at_least, check_writable, reporting
+from ambinav.cli.running import INTERRUPTED, above_zero, at_least, check_writable, reporting, say
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def train(
                 summary = run(config, output, resume=resume, command=command, callback=callback)
         except (KeyboardInterrupt, SystemExit) as stop:
             kept = output / CHECKPOINTS
-            _say(
+            say(
                 f"ambinav: interrupted; the training so far is in {kept}, and the same command "
                 "with --resume continues from there."
                 if kept.is_dir()
@@ -95,21 +95,20 @@ def _showing_progress(quiet: bool) -> Iterator[StatusCallback]:
         yield lambda status: None
         return
     if not sys.stderr.isatty():
-        yield lambda status: _evaluation_line(status, _say)
+        yield lambda status: _evaluation_line(status, say)
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     console = Console(stderr=True, highlight=False)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as bars:
+    columns = (
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.TaskProgressColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+    )
+    with progress.Progress(*columns, console=console) as bars:
         task = bars.add_task("training", total=1.0)
         last = 0.0
 
@@ -155,7 +154,3 @@ def _result(output: Path, summary: dict[str, Any]) -> None:
         f"after {best['steps']:,.0f} steps, {100.0 * best['arrived']:.1f} %."
     )
     typer.echo(f"policy: {output / 'final.zip'}\nreport: {output / 'report.md'}")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
