@@ -7,7 +7,7 @@ from typing import Final
 from ambinav.reports.action import MOST, Action
 from ambinav.studies.audit.audit import metres2, percent
 from ambinav.studies.audit.document import Document
-from ambinav.studies.audit.verdict_part import CounterfactualPart
+from ambinav.studies.audit.verdict import CounterfactualPart
 from ambinav.studies.design.improved import improved_text
 
 _LARGE_SHARE: Final = 0.1

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from pydantic import Field
 
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.reports.fields import Metres, Part, Share
 from ambinav.routes.sampled import graph_step, sample_routes
 from ambinav.runtime.errors import InputWarning
 
@@ -70,3 +72,62 @@ def find_lost_routes(
     forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
     forecasts = map(forecaster, routes)
     return LostRoutes(tuple(sorted(forecasts, key=lambda f: f.lost_probability, reverse=True)))
+
+
+class LostRoutePart(Part):
+    """A route on which robots get lost."""
+
+    start_m: tuple[Metres, Metres]
+    goal_m: tuple[Metres, Metres]
+    length_m: Metres
+    lost_probability: Share
+    text: str = Field(description="probability and main cause in words")
+    x_m: Metres | None = Field(description="where most get lost; null: spread over the route")
+    y_m: Metres | None
+    kind: str | None = Field(description="open floor, sliding or heading: the error that grows")
+
+
+class LostPart(Part):
+    """Forecasts of shortest routes between places drawn evenly from the reachable floor."""
+
+    localizer: str = Field(description="calibrated class of localizer")
+    odometry: str
+    pairs: int = Field(description="number of sampled pairs of places")
+    share_safe: Share = Field(description="of these, with fewer than 5 % of robots lost")
+    text: str
+    routes: tuple[LostRoutePart, ...] = Field(
+        description="up to five with the most lost robots, at least 5 %; the worst first"
+    )
+
+
+def lost_part(lost: LostRoutes) -> LostPart:
+    """Collect the forecasts."""
+    first, pairs = lost.forecasts[0], len(lost.forecasts)
+    safe = round(lost.share_safe * pairs)
+    return LostPart(
+        localizer=first.localizer.name,
+        odometry=ODOMETRY,
+        pairs=pairs,
+        share_safe=lost.share_safe,
+        text=(
+            f"On {safe} of {pairs} shortest routes between sampled places fewer than "
+            f"{100.0 * FEW:.0f} % of robots are forecast to get lost: robots that are kept on the "
+            f"route, with {ODOMETRY} odometry and {first.localizer.title}."
+        ),
+        routes=tuple(map(_route, lost.worst)),
+    )
+
+
+def _route(forecast: Forecast) -> LostRoutePart:
+    (x0, y0), (x1, y1) = forecast.poses[[0, -1], :2].tolist()
+    cause = forecast.causes[0] if forecast.causes else None
+    return LostRoutePart(
+        start_m=(x0, y0),
+        goal_m=(x1, y1),
+        length_m=float(forecast.distance[-1]),
+        lost_probability=forecast.lost_probability,
+        text=forecast.sentence,
+        x_m=None if cause is None else cause.x,
+        y_m=None if cause is None else cause.y,
+        kind=None if cause is None else cause.kind,
+    )

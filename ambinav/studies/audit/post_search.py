@@ -1,11 +1,15 @@
-"""Result of the search for posts by `audit.counterfactual.posts`."""
+"""Posts that help, as found by `audit.counterfactual.posts`, and their part of the document."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pydantic import Field
+
+from ambinav.reports.fields import Metres, Part, SquareMetres
 from ambinav.studies.design.improved import ImprovedPlace
 from ambinav.studies.design.place.candidates import PlaceRules
+from ambinav.studies.design.place.document import ObstaclePart, enough_text, obstacle_parts
 from ambinav.studies.design.place.study import Remedy
 
 
@@ -28,3 +32,39 @@ class PostSearch:
     reason: str
     after: float | None = None
     improved: tuple[ImprovedPlace, ...] = ()
+
+
+class PostsPart(Part):
+    """Recommended posts, each placed where it helps most after those before it."""
+
+    asked: int = Field(description="number of requested posts")
+    candidates: int = Field(description="number of positions that were tried")
+    radius_m: Metres = Field(description="radius of a post")
+    min_passage_m: Metres = Field(description="width of passages that is kept everywhere")
+    before_m2: SquareMetres | None = Field(
+        description="area of bad floor without posts; null: not known"
+    )
+    after_m2: SquareMetres | None = Field(
+        description="area of bad floor with all of them, from a full map"
+    )
+    posts: tuple[ObstaclePart, ...] = Field(
+        description="posts in the order of their selection; areas in m2"
+    )
+    reason: str = Field(description="reason if there are fewer than requested; otherwise empty")
+
+
+def posts_part(helps: PostSearch) -> PostsPart:
+    """Collect the results of the post search."""
+    placed_posts, reason = helps.remedy, helps.reason
+    if placed_posts is not None and len(placed_posts.placement.placed) < helps.requested:
+        reason = enough_text(placed_posts, helps.requested)
+    return PostsPart(
+        asked=helps.requested,
+        candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
+        radius_m=helps.rules.radius,
+        min_passage_m=helps.rules.min_passage,
+        before_m2=None if placed_posts is None else placed_posts.placement.before.bad,
+        after_m2=helps.after,
+        posts=() if placed_posts is None else obstacle_parts(placed_posts),
+        reason=reason,
+    )

@@ -32,7 +32,6 @@ from ambinav.studies.design.sweep.figures import (
 )
 from ambinav.studies.design.sweep.place_levels import PlaceLevels, place_levels
 from ambinav.studies.design.sweep.turning import Turning, turning
-from ambinav.studies.design.sweep.twins import first_twins
 from ambinav.studies.design.sweep.vary import (
     VARIABLES,
     Setting,
@@ -42,6 +41,7 @@ from ambinav.studies.design.sweep.vary import (
     settings,
     varied,
 )
+from ambinav.studies.design.views import first_twins
 
 PLACES: Final = 1000
 """Places that a sweep looks at."""
