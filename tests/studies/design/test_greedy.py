@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from ambinav.geometry.collision.reach import find_reach
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.document import document, enough_text
-from ambinav.studies.design.place.exact import covered_most, enumerated, has_solver
+from ambinav.studies.design.place.exact import covered_most, enumerated
 from ambinav.studies.design.place.greedy import NOTHING, place
 from ambinav.studies.design.place.study import Remedy, place_obstacles
 from ambinav.studies.design.place.submodularity import Violations, measured
@@ -107,7 +108,7 @@ def test_pairs_are_all_tried(helped: Remedy) -> None:
     assert 0.6 < found.share <= 1.0
 
 
-@pytest.mark.skipif(not has_solver(), reason="OR-Tools is not installed")
+@pytest.mark.skipif(find_spec("ortools") is None, reason="OR-Tools is not installed")
 def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
     effects, trials = without(helped), helped.trials
     greedy = trials.order[:2].tolist()
@@ -258,8 +259,7 @@ def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
 
 
 def test_the_audit_says_how_many_posts_suffice(helped: Remedy) -> None:
-    from ambinav.studies.audit.post_search import PostSearch
-    from ambinav.studies.audit.posts_part import posts_part
+    from ambinav.studies.audit.post_search import PostSearch, posts_part
 
     part = posts_part(PostSearch(5, helped.rules, helped, ""))
     assert (part.asked, len(part.posts)) == (5, 3)

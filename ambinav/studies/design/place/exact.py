@@ -8,7 +8,6 @@ nothing of floor that only two together turn good; what its choice truly does is
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +16,6 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.studies.design.place.candidates import apart
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials, place
 
@@ -74,11 +72,6 @@ class Coverage:
     true: float
 
 
-def has_solver() -> bool:
-    """Return whether OR-Tools is installed."""
-    return importlib.util.find_spec("ortools") is not None
-
-
 def enumerated(
     effects: Effects,
     trials: Trials,
@@ -97,24 +90,18 @@ def enumerated(
         passage: Metres to be left between two.
         report: Called with the share done.
     """
-    every = [
-        subset
-        for subset in itertools.combinations(numbers, count)
-        if _allowed(trials, subset, passage)
-    ]
+    subsets = itertools.combinations(numbers, count)
+    every = [subset for subset in subsets if trials.have_room(subset, passage)]
     if not every:
         return None
     gains: dict[tuple[int, ...], tuple[float, float]] = {}
     for k, subset in enumerate(every):
-        if _independent(effects, trials, subset):
+        if _independent(trials, subset):
             alone = [trials.gains[i] for i in subset]
-            gain = (
-                math.fsum(change.cost for change in alone),
-                math.fsum(change.bad for change in alone),
-            )
+            gain = math.fsum(each.cost for each in alone), math.fsum(each.bad for each in alone)
         else:
-            change = effects.tried([trials.candidates[i].obstacle for i in subset])
-            gain = change.gain.cost, change.gain.bad
+            together = trials.gain_together(effects, subset)
+            gain = together.cost, together.bad
         gains[tuple(sorted(subset))] = gain
         report((k + 1) / len(every))
     few = trials.among(numbers)
@@ -144,7 +131,7 @@ def covered_most(
     take = [model.new_bool_var(f"take {i}") for i in range(len(trials.candidates))]
     model.add(sum(take) <= count)
     for i, j in itertools.combinations(range(len(take)), 2):
-        if not apart(trials.candidates[i], trials.candidates[j], passage):
+        if not trials.have_room((i, j), passage):
             model.add_at_most_one(take[i], take[j])
     areas = _areas(effects, trials)
     terms = []
@@ -161,15 +148,12 @@ def covered_most(
     solver.parameters.num_workers = 1
     solver.solve(model)
     chosen = tuple(i for i, variable in enumerate(take) if solver.boolean_value(variable))
-    true = (
-        effects.tried([trials.candidates[i].obstacle for i in chosen]).gain.bad if chosen else 0.0
-    )
     return Coverage(
         chosen,
         _covered(areas, chosen),
         solver.best_objective_bound / SCALE,
         _covered(areas, greedy),
-        true,
+        trials.gain_together(effects, chosen).bad if chosen else 0.0,
     )
 
 
@@ -181,8 +165,8 @@ def _areas(effects: Effects, trials: Trials) -> dict[tuple[int, ...], float]:
             owners.setdefault(place_number, []).append(i)
     areas: dict[tuple[int, ...], float] = {}
     weights = effects.weights(np.array(list(owners), dtype=np.int64))
-    for mine, weight in zip(owners.values(), weights.tolist(), strict=True):
-        areas[tuple(mine)] = areas.get(tuple(mine), 0.0) + weight
+    for mine, weight in zip(map(tuple, owners.values()), weights.tolist(), strict=True):
+        areas[mine] = areas.get(mine, 0.0) + weight
     return areas
 
 
@@ -191,16 +175,7 @@ def _covered(areas: dict[tuple[int, ...], float], chosen: Sequence[int]) -> floa
     return math.fsum(area for owners, area in areas.items() if taken.intersection(owners))
 
 
-def _allowed(trials: Trials, subset: Sequence[int], passage: float) -> bool:
-    return all(
-        apart(trials.candidates[i], trials.candidates[j], passage)
-        for i, j in itertools.combinations(subset, 2)
-    )
-
-
-def _independent(effects: Effects, trials: Trials, subset: Sequence[int]) -> bool:
+def _independent(trials: Trials, subset: Sequence[int]) -> bool:
     """Return whether no two candidates change the same poses, so that their gains add up."""
-    count = np.zeros(effects.radii.shape[1], dtype=np.int64)
-    for i in subset:
-        count[trials.rows[i]] += 1
-    return not bool((count > 1).any())
+    rows = np.concatenate([trials.rows[i] for i in subset])
+    return len(np.unique(rows)) == len(rows)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import combinations, islice
 from typing import Final
 
 import numpy as np
@@ -69,6 +69,15 @@ class Trials:
             self.candidates + other.candidates, self.gains + other.gains,
             self.rows + other.rows, self.fixed + other.fixed,
         )  # fmt: skip
+
+    def have_room(self, numbers: Sequence[int], passage: float) -> bool:
+        """Return whether some candidates leave a passage, metres, between any two of them."""
+        pairs = combinations((self.candidates[i] for i in numbers), 2)
+        return all(apart(first, second, passage) for first, second in pairs)
+
+    def gain_together(self, effects: Effects, numbers: Sequence[int]) -> Badness:
+        """Return what some candidates remove together, in the building in which they were tried."""
+        return effects.tried([self.candidates[i].obstacle for i in numbers]).gain
 
     @property
     def order(self) -> NDArray[np.int64]:

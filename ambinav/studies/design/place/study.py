@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Final
 
 import numpy as np
@@ -23,13 +24,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.aged import AgedGains, gains_in_aged
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
-from ambinav.studies.design.place.exact import (
-    Coverage,
-    Optimum,
-    covered_most,
-    enumerated,
-    has_solver,
-)
+from ambinav.studies.design.place.exact import Coverage, Optimum, covered_most, enumerated
 from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.moves import Moves
@@ -220,7 +215,7 @@ def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: 
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
-    if has_solver() and known.placement.placed:
+    if find_spec("ortools") is not None and known.placement.placed:
         unmoved = place(effects, trials, len(known.placement.placed), passage).placed
         greedy = [trials.candidates.index(placed.candidate) for placed in unmoved]
         coverage = covered_most(effects, trials, len(greedy), passage, greedy)

@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.studies.design.place.candidates import apart
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials
 
@@ -81,7 +80,7 @@ def measured(
     pairs: list[tuple[float, float]] = []
 
     def gain(*numbers: int) -> float:
-        return effects.tried([trials.candidates[i].obstacle for i in numbers]).gain.cost
+        return trials.gain_together(effects, numbers).cost
 
     for k in range(PAIRS + TRIPLES):
         report(k / (PAIRS + TRIPLES))
@@ -91,13 +90,13 @@ def measured(
         drawn = rng.choice(pool, size, replace=False).tolist()
         if not _interact(trials, drawn, passage):
             continue
-        first, second = drawn[0], drawn[1]
+        *others, last = drawn
         if size == 2:
-            without = trials.gains[second].cost
-            beside = gain(first, second) - trials.gains[first].cost
+            without = trials.gains[last].cost
+            beside = gain(*drawn) - trials.gains[others[0]].cost
         else:
-            both = gain(first, second)
-            without = gain(first, drawn[2]) - trials.gains[first].cost
+            both = gain(*others)
+            without = gain(others[0], last) - trials.gains[others[0]].cost
             beside = gain(*drawn) - both
         pairs.append((without, beside))
     report(1.0)
@@ -109,8 +108,4 @@ def _interact(trials: Trials, drawn: list[int], passage: float) -> bool:
     last = trials.rows[drawn[-1]]
     return all(
         bool(np.isin(last, trials.rows[i], assume_unique=True).any()) for i in drawn[:-1]
-    ) and all(
-        apart(trials.candidates[i], trials.candidates[j], passage)
-        for k, i in enumerate(drawn)
-        for j in drawn[k + 1 :]
-    )
+    ) and trials.have_room(drawn, passage)
