@@ -102,6 +102,15 @@ def _bad(report: Document, read: Callable[[ZonePart], float]) -> float | None:
     return _if_counted(report, sum(read(_zone(report, ZONES[code])) for code in (CORRIDOR, OPEN)))
 
 
+def _floor(name: str, meaning: str) -> Quantity:
+    """Return a figure of a part of the floor: its area, or its share of the free floor."""
+    if name.endswith(" area"):
+        field = f"{name.replace(' ', '_')}_m2"
+        return Quantity(name, "m²", meaning, lambda report: getattr(report.floor, field))
+    field = f"{name}_share"
+    return Quantity(name, "%", meaning, lambda report: 100.0 * getattr(report.floor, field))
+
+
 QUANTITIES: Final[Quantities] = catalogue(
     *(quantity for name in ZONES for quantity in _of_zone(name)),
     Quantity(
@@ -116,49 +125,23 @@ QUANTITIES: Final[Quantities] = catalogue(
         "places", "", "number of bad places, listed or not",
         lambda report: _if_counted(report, float(report.places_in_all)), needs=_NOTHING,
     ),
-    Quantity(
-        "free area", "m²", "area of the free floor of the map",
-        lambda report: report.floor.free_area_m2,
-    ),
-    Quantity(
-        "counted", "%", "share of the free floor that is explored and reachable",
-        lambda report: 100.0 * report.floor.counted_share,
-    ),
-    Quantity(
-        "counted area", "m²", "area of the explored, reachable floor",
-        lambda report: report.floor.counted_area_m2,
-    ),
-    Quantity(
-        "unexplored", "%",
+    _floor("free area", "area of the free floor of the map"),
+    _floor("counted", "share of the free floor that is explored and reachable"),
+    _floor("counted area", "area of the explored, reachable floor"),
+    _floor(
+        "unexplored",
         "share of the free floor that is reachable but where half of the beams or more end in "
         "unknown space",
-        lambda report: 100.0 * report.floor.unexplored_share,
     ),
-    Quantity(
-        "unexplored area", "m²", "area of floor that is reachable but unexplored",
-        lambda report: report.floor.unexplored_area_m2,
-    ),
-    Quantity(
-        "unreachable", "%", "share of the free floor that the robot's centre cannot reach",
-        lambda report: 100.0 * report.floor.unreachable_share,
-    ),
-    Quantity(
-        "unreachable area", "m²", "area of the free floor that the robot's centre cannot reach",
-        lambda report: report.floor.unreachable_area_m2,
-    ),
-    Quantity(
-        "cut off area", "m²", "area where the robot would fit but that it cannot reach",
-        lambda report: report.floor.cut_off_area_m2,
-    ),
-    Quantity(
-        "outside", "%", "share of the free floor that lies outside of the building",
-        lambda report: 100.0 * report.floor.outside_share,
-    ),
-    Quantity(
-        "outside area", "m²",
+    _floor("unexplored area", "area of floor that is reachable but unexplored"),
+    _floor("unreachable", "share of the free floor that the robot's centre cannot reach"),
+    _floor("unreachable area", "area of the free floor that the robot's centre cannot reach"),
+    _floor("cut off area", "area where the robot would fit but that it cannot reach"),
+    _floor("outside", "share of the free floor that lies outside of the building"),
+    _floor(
+        "outside area",
         "area outside of the building: a page's margin, or reachable floor at the border of the "
         "map",
-        lambda report: report.floor.outside_area_m2,
     ),
     Quantity(
         "notes", "", "number of elements of the map that were repaired or left out",
