@@ -101,10 +101,7 @@ def plan_flight(
     # Of the four the cheapest routes in 5 s, in an office, a flat and a house.
     name = "informed-rrtstar" if search.planner == AUTO else search.planner
     planner = FlightPlanner(service, radius=robot.robot_radius, half_height=robot.half_height)
-    route = planner.plan(
-        *ends, planner_name=name, seconds=search.time, iterations=search.iterations,
-        seed=search.seed, improved=search.improve,
-    )  # fmt: skip
+    route = planner.plan(*ends, **{**search.arguments, "planner_name": name})
     if result.picture is not None:
         route.draw(result.picture)
     route.save(output)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.checks import Point, conflict, points_of
-from ambinav.cli.plan_options import PlanRequest, Pose, ResultOptions, RobotOptions
+from ambinav.cli.plan_options import Pose, ResultOptions, RobotOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class MissionOptions:
         robot: RoutePlanner,
         start: Pose,
         goal: Pose,
-        request: PlanRequest,
+        search: SearchOptions,
         weight: float,
     ) -> MissionRoute:
         """Plan the mission."""
@@ -75,7 +75,7 @@ class MissionOptions:
         mission = Mission(
             start, (goal, *self.other_goals), tuple(self.stops), any_order=self.any_order
         )
-        return plan_mission(robot, mission, weight=weight, **request.arguments)
+        return plan_mission(robot, mission, weight=weight, **search.arguments)
 
 
 def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:

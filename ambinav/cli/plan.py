@@ -124,7 +124,7 @@ def plan(
         planners = [RoutePlanner(service, **settings) for service in services]
         planner = planners[0]
         here, there = robot.ends(*ends)
-        request, weight = search.request(), planner.service.weight
+        weight = planner.service.weight
         try:
             forecaster = None
             if promise.max_lost is not None or (
@@ -134,7 +134,7 @@ def plan(
                 promise.check_trust(forecaster.localizer, trust)
             if result.pareto:
                 plan_front(
-                    planner, here, there, request, result.weights, output, as_json, forecaster,
+                    planner, here, there, search, result.weights, output, as_json, forecaster,
                     speed,
                 )  # fmt: skip
                 return
@@ -143,10 +143,10 @@ def plan(
             visited = None
             if promise.max_lost is not None and forecaster is not None:
                 name = f"at most {100.0 * promise.max_lost:g} % lost"
-                route, driven[name] = promise.plan(planner, here, there, forecaster, request)
+                route, driven[name] = promise.plan(planner, here, there, forecaster, search)
             else:
                 name = "least time" if speed.least_time else f"weight {weight:g}"
-                plans = [mission.plan(one, here, there, request, weight) for one in planners]
+                plans = [mission.plan(one, here, there, search, weight) for one in planners]
                 visited = plans[0]
                 if speed.least_time:
                     forecaster = forecast.forecaster(amap, [one.route for one in plans])
@@ -158,7 +158,7 @@ def plan(
             if result.shortest:
                 if cost.adds_metres:
                     direct = RoutePlanner(cost.of_length.service(amap), **settings)
-                shortest = mission.plan(direct, here, there, request, 0.0)
+                shortest = mission.plan(direct, here, there, search, 0.0)
                 routes["shortest"], halts["shortest"] = shortest.route, joints(shortest.legs)
         except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
@@ -196,6 +196,6 @@ def plan(
             lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
-        show_routes(routes, request, as_json, output, result.picture, lost, each, figures, lines)
+        show_routes(routes, search, as_json, output, result.picture, lost, each, figures, lines)
         if promise.wanted:
             raise typer.Exit(promise.status(driven[name]))

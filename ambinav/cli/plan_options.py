@@ -39,28 +39,6 @@ def _complete_planner(begun: str) -> list[str]:
     return [name for name in (AUTO, *PLANNERS.names()) if name.startswith(begun)]
 
 
-@dataclass(frozen=True)
-class PlanRequest:
-    """Parameters of a planning request; see `RoutePlanner.plan`."""
-
-    planner: str
-    seconds: float
-    iterations: int | None
-    seed: int | None
-    improved: bool
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of `RoutePlanner.plan`, `plan_mission`, `pareto` and `route_within`."""
-        return {
-            "planner_name": self.planner,
-            "seconds": self.seconds,
-            "iterations": self.iterations,
-            "seed": self.seed,
-            "improved": self.improved,
-        }
-
-
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
     """Options on the planner and its time limit.
@@ -100,9 +78,16 @@ class SearchOptions:
         if not (self.time == math.inf and self.iterations is not None):
             above_zero(self.time, "--time", "1", "seconds")
 
-    def request(self) -> PlanRequest:
-        """Return the parameters of the planning request."""
-        return PlanRequest(self.planner, self.time, self.iterations, self.seed, self.improve)
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `RoutePlanner.plan`, `plan_mission`, `pareto` and `route_within`."""
+        return {
+            "planner_name": self.planner,
+            "seconds": self.time,
+            "iterations": self.iterations,
+            "seed": self.seed,
+            "improved": self.improve,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

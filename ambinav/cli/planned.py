@@ -14,7 +14,7 @@ from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.cli.plan_options import PlanRequest
+    from ambinav.cli.plan_options import SearchOptions
     from ambinav.cli.speed_options import SpeedOptions
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
@@ -110,7 +110,7 @@ def draw_no_path(robot: RoutePlanner, error: NoPathError, picture: Path) -> None
 
 def show_routes(
     routes: Mapping[str, Route],
-    request: PlanRequest,
+    search: SearchOptions,
     as_json: bool,
     output: Path,
     picture: Path | None,
@@ -123,7 +123,7 @@ def show_routes(
 
     Args:
         routes: The routes by name.
-        request: What was asked for.
+        search: Planner and its limits.
         as_json: Print JSON.
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
@@ -153,9 +153,9 @@ def show_routes(
             typer.echo(f"{name}: {drives.sentence}")
         typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
-        if route.seed is not None and (route.iterations or 0) < (request.iterations or 0):
+        if route.seed is not None and (route.iterations or 0) < (search.iterations or 0):
             typer.echo(
-                f"\nThe time ended after {route.iterations} of {request.iterations} iterations: "
+                f"\nThe time ended after {route.iterations} of {search.iterations} iterations: "
                 "with this seed the route may differ next time."
             )
             break
@@ -169,7 +169,7 @@ def plan_front(
     robot: RoutePlanner,
     start: Pose,
     goal: Pose,
-    request: PlanRequest,
+    search: SearchOptions,
     weights: str | None,
     output: Path,
     as_json: bool,
@@ -194,13 +194,7 @@ def plan_front(
 
     chosen = WEIGHTS if weights is None else _weights(weights)
     FOLDER.check(output)
-    front = pareto(
-        robot,
-        start,
-        goal,
-        weights=chosen,
-        **request.arguments,
-    )
+    front = pareto(robot, start, goal, weights=chosen, **search.arguments)
     routes, creep = speed.timed(
         {_name(point.weight): point.route for point in front.points}, robot, forecaster
     )

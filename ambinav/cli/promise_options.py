@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ambinav.cli.checks import conflict
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.plan_options import CostOptions, PlanRequest, Pose, ResultOptions, SearchOptions
+from ambinav.cli.plan_options import CostOptions, Pose, ResultOptions, SearchOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class PromiseOptions:
         start: Pose,
         goal: Pose,
         forecaster: Forecaster,
-        request: PlanRequest,
+        search: SearchOptions,
     ) -> tuple[Route, Ensemble]:
         """Plan the route that keeps the promise; return it with its drives."""
         from ambinav_planners.promise import RUNS, route_within
@@ -107,7 +107,7 @@ class PromiseOptions:
         promise = route_within(
             robot, start, goal, forecaster, self.max_lost,
             runner=forecaster.runner(_driven_robot(robot)), runs=self.drives or RUNS,
-            **request.arguments,
+            **search.arguments,
         )  # fmt: skip
         assert promise.driven is not None
         return promise.route, promise.driven
