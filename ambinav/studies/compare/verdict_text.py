@@ -8,6 +8,7 @@ from typing import Final
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.reports.pages import listed
 from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.studies.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
 
@@ -127,10 +128,10 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
             f"{error:.2f} m"
         )
     if met:
-        clauses.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the criterion")
+        clauses.append(f"{listed(met)} {_verb(met, 'meets', 'meet')} the criterion")
     if short:
         clauses.append(
-            f"{_list(short)} {_verb(short, 'is', 'are')} better than {baseline}"
+            f"{listed(short)} {_verb(short, 'is', 'are')} better than {baseline}"
             + (
                 ""
                 if verdicts[short[0]].easy
@@ -144,7 +145,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         ("same", "is", "are", f"the same path as {baseline}"),
     ):
         if named.get(kind):
-            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {suffix}")
+            clauses.append(f"{listed(named[kind])} {_verb(named[kind], single, several)} {suffix}")
     text = "; ".join(clauses)
     return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
 
@@ -223,10 +224,6 @@ def _judged(verdict: Verdict, baseline: str) -> str:
         if not met
     ]
     return f"The criterion is not met ({', '.join(missed)})."
-
-
-def _list(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _verb(names: Sequence[str], singular: str, more: str) -> str:

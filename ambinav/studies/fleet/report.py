@@ -10,6 +10,7 @@ from ambinav.maps.address import Address
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Part
+from ambinav.reports.pages import counted
 from ambinav.studies.audit.audit import metres2, percent
 from ambinav.studies.fleet.catalogue import CATALOGUE, ITEMS, catalogue
 from ambinav.studies.fleet.document import (
@@ -94,7 +95,7 @@ def page(report: FleetDocument, results: Sequence[UnitDone]) -> str:
 
 def _summary(rows: Sequence[FleetFigures]) -> str:
     sites, failed = {row.site for row in rows}, [row for row in rows if row.status == "failed"]
-    sentences = [f"{_count(len(sites), 'site')}."]
+    sentences = [f"{counted(len(sites), 'site')}."]
     for scanner in sorted({row.scanner for row in rows}):
         of_it = [row for row in rows if row.scanner == scanner and row.bad_m2 is not None]
         if not of_it:
@@ -107,7 +108,7 @@ def _summary(rows: Sequence[FleetFigures]) -> str:
             f"({percent(bad / max(floor, 1e-9))}){where}."
         )
     if failed:
-        sentences.append(f"{_count(len(failed), 'audit')} of {len(rows)} failed.")
+        sentences.append(f"{counted(len(failed), 'audit')} of {len(rows)} failed.")
     return " ".join(sentences)
 
 
@@ -131,7 +132,3 @@ def _needs(rows: Sequence[FleetFigures]) -> tuple[NeedPart, ...]:
         for (scanner, advice), group in groups.items()
     ]
     return tuple(sorted(needs, key=lambda need: (-need.removed_m2, need.scanner, need.advice)))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

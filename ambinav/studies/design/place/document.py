@@ -11,6 +11,7 @@ from pydantic import Field
 
 from ambinav.geometry.environment import Environment
 from ambinav.reports.fields import Part, rounded
+from ambinav.reports.pages import counted
 from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
 from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
 from ambinav.studies.design.place.candidates import PlaceRules
@@ -224,11 +225,6 @@ def obstacles_geojson(study: Remedy) -> dict[str, Any]:
 def amount(value: float, unit: str) -> str:
     """Format an area or a length of routes."""
     return f"{value:,.1f} {'m²' if unit == 'm2' else 'm'}"
-
-
-def counted(count: int, what: str) -> str:
-    """Format a number with its noun."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _summary(study: Remedy) -> str:

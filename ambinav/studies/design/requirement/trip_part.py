@@ -70,9 +70,8 @@ def trip_parts(solution: Solution) -> tuple[TripPart, ...]:
     for losses in (before, after):
         losses.driven(int(losses.lost.argmax()), most)
     return tuple(
-        TripPart(
-            start=trip.start,
-            goal=trip.goal,
+        TripPart.of(
+            trip,
             start_m=trip.start_at,
             goal_m=trip.goal_at,
             before=TripStatePart.of_trip(before, number, most),

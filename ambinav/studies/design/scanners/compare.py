@@ -231,7 +231,10 @@ def compare_scanners(
     reasons: list[InputError] = []
     amap: AmbiguityMap | None = None
     for done, scanner in enumerate(chosen):
-        part = _Progress(report, done / len(chosen), 1.0 / len(chosen))
+
+        def part(share: float, done: int = done) -> None:
+            report((done + share) / len(chosen))
+
         able, lacking = _layers_of(names, scanner, environment)
         try:
             made, seconds = _timed_map(
@@ -307,16 +310,6 @@ def _sort_key(row: ScannerRow) -> tuple[float, float, str]:
     return row.bad_area, 0.0 if row.routes is None else row.routes.mean_error, row.name
 
 
-class _Progress:
-    """Progress of one part as a share of the total."""
-
-    def __init__(self, report: Report, begin: float, size: float) -> None:
-        self._report, self._begin, self._size = report, begin, size
-
-    def __call__(self, share: float) -> None:
-        self._report(self._begin + share * self._size)
-
-
 def _layers_of(
     names: tuple[str, ...], scanner: RangeScanner, environment: Environment
 ) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -345,21 +338,17 @@ def _timed_map(
 ) -> tuple[AmbiguityMap, float | None]:
     """Return the map and the seconds to build it; None seconds if it was opened from the store."""
     began: list[float] = []
-    kept: bool | MapStore = False
-    if store is not False:
-        own = MapStore.of_user() if store is True else store
+    own = MapStore.of_user() if store is True else store or MapStore(None)
 
-        def before() -> None:
-            if own.before_build is not None:
-                own.before_build()
-            began.append(time.perf_counter())
-
-        kept = replace(own, before_build=before)
-    else:
+    def before() -> None:
+        if own.before_build is not None:
+            own.before_build()
         began.append(time.perf_counter())
+
     amap = build_map(
         environment, scanner, spacing, radius, headings, map_std,
-        progress=lambda share: progress(share * (1.0 - _ROUTES_SHARE)), layers=layers, store=kept,
+        progress=lambda share: progress(share * (1.0 - _ROUTES_SHARE)), layers=layers,
+        store=replace(own, before_build=before),
     )  # fmt: skip
     return amap, time.perf_counter() - began[0] if began else None
 

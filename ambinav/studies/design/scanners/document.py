@@ -12,6 +12,7 @@ from pydantic import Field
 
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Part
+from ambinav.reports.pages import listed
 from ambinav.sensing.preset_summary import field_of_view
 from ambinav.studies.design.scanners.compare import ScannerRow, ScannerTable, bad_area
 from ambinav.studies.design.scanners.route_figures import SOURCE
@@ -220,7 +221,7 @@ def summary(table: ScannerTable) -> str:
     if len(tied) > 3:
         leaves = f"{len(tied)} of them leave"
     else:
-        leaves = f"{_listed(tied)} {'leaves' if len(tied) == 1 else 'leave'}"
+        leaves = f"{listed(tied)} {'leaves' if len(tied) == 1 else 'leave'}"
     most = f"; {last.name} the most: {_area(last.bad_area)}" if last.name not in tied else ""
     sentences.append(f"{leaves} the robot the least floor where it can get lost: {least}{most}.")
     front = table.front
@@ -228,11 +229,11 @@ def summary(table: ScannerTable) -> str:
         names = [point.name for point in front.best]
         verb = "is" if len(names) == 1 else "are"
         sentences.append(
-            f"By bad area and {front.title}, {_listed(names)} {verb} not dominated by any other."
+            f"By bad area and {front.title}, {listed(names)} {verb} not dominated by any other."
         )
     if table.unusable:
         names = [row.scanner.name for row in table.unusable]
-        sentences.append(f"There are no figures of {_listed(names)}.")
+        sentences.append(f"There are no figures of {listed(names)}.")
     return " ".join(sentences)
 
 
@@ -293,7 +294,3 @@ def _routes(table: ScannerTable) -> RoutesPart | None:
 
 def _area(area: float) -> str:
     return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
