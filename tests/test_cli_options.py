@@ -1,10 +1,10 @@
-"""Options of the command line that are made from the fields of dataclasses."""
+"""Options of the command line that docstrings describe, some of them fields of dataclasses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import pytest
 import typer
@@ -63,6 +63,40 @@ def test_fields_are_options_that_the_docstrings_describe() -> None:
     assert {option.rich_help_panel for option in options.values()} == {"Box"}
     result = CliRunner().invoke(small, ["--edge-length", "2", "--open"])
     assert result.stdout.strip() == repr(Box(edge_length=2.0, open=True)).strip()
+
+
+def test_parameters_are_options_and_arguments_that_the_docstring_describes() -> None:
+    small = typer.Typer()
+
+    @small.command()
+    @documented
+    def show(
+        plan: Annotated[str, typer.Argument()],
+        count: Annotated[int, typer.Option("--number", "-n", show_default="few")] = 1,
+        loud: bool = False,
+        said: Annotated[str, typer.Option(help="As it is.")] = "",
+    ) -> None:
+        """Show plans.
+
+        Example: `show plan`
+
+        Parameters:
+            plan (PLAN...): What to show.
+            count (N): How
+                many.
+            loud: Shout. [default: whisper]
+        """
+        typer.echo(f"{plan} {count} {loud}{said}")
+
+    command = typer.main.get_command(small)
+    plan, count, loud, said = command.params[:4]
+    assert command.help == "Show plans.\n\nExample: `show plan`"
+    assert (plan.metavar, plan.help, plan.required) == ("PLAN...", "What to show.", True)
+    assert (count.opts, count.metavar) == (["--number", "-n"], "N")
+    assert (count.help, count.show_default) == ("How many.", "few")
+    assert (loud.opts, loud.secondary_opts, loud.show_default) == (["--loud"], [], "whisper")
+    assert said.help == "As it is."
+    assert CliRunner().invoke(small, ["a", "-n", "3", "--loud"]).stdout.strip() == "a 3 True"
 
 
 def commands(command: Any, name: str) -> Iterator[Any]:

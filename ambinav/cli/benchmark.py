@@ -61,6 +61,7 @@ class EpisodeOptions:
     """Options on the episodes and their number.
 
     Attributes:
+        episodes (N): Episodes of each method in each setting.
         seed (N): Seed of the episodes, 0 or more.
         suite (NAME): A suite: buildings, conditions and methods; repeatable. [default: standard:
             procedural and hall]
@@ -71,14 +72,7 @@ class EpisodeOptions:
     PANEL: ClassVar[str] = "Episodes"
 
     episodes: Annotated[
-        int | None,
-        typer.Option(
-            "--episodes",
-            "-n",
-            metavar="N",
-            help="Episodes of each method in each setting.",
-            show_default=f"{EPISODES}",
-        ),
+        int | None, typer.Option("--episodes", "-n", show_default=f"{EPISODES}")
     ] = None
     seed: int = 0
     suite: list[str] | None = None

@@ -99,10 +99,7 @@ def export(
     overwrite: bool = False,
     as_json: options.AsJson = False,
     list_kinds: Annotated[
-        bool,
-        typer.Option(
-            "--list-kinds", callback=_list_kinds, is_eager=True, help="Show the kinds and exit."
-        ),
+        bool, typer.Option("--list-kinds", callback=_list_kinds, is_eager=True)
     ] = False,
 ) -> None:
     """Write files for other programs: Nav2, Autoware, GIS, Foxglove, NumPy.
@@ -113,6 +110,7 @@ def export(
         kind (KIND): Kind of file; see --list-kinds.
         output (OUT): File to write, with further files beside it; for a drive a folder.
         overwrite: Replace existing files.
+        list_kinds: Show the kinds and exit.
     """
     with reporting():
         from ambinav.export.formats.exporting import export_map, prepare

@@ -38,6 +38,9 @@ class ForecastOptions:
     """Options on the localizer and the odometry of a forecast.
 
     Attributes:
+        localizer (NAME|FILE): Calibrated class of localizer: product, amcl (lasers), or a file.
+        odometry (NAME): Odometry: good, mediocre, poor (2, 4.5 and 9 degrees off after a metre) or
+            amcl-default (18).
         position_limit (M): A robot is lost that is farther off, metres. [default: 0.5]
         lateral_limit (M): A robot is lost that is farther off across its heading, as on a lane;
             --position-limit then holds along the heading. [default: none]
@@ -47,27 +50,11 @@ class ForecastOptions:
     PANEL: ClassVar[str] = "Forecast"
 
     localizer: Annotated[
-        str | None,
-        typer.Option(
-            "--localizer",
-            metavar="NAME|FILE",
-            help="Calibrated class of localizer: product, amcl (lasers), or a file.",
-            show_default=LOCALIZER,
-            autocompletion=_complete_localizer,
-        ),
+        str | None, typer.Option(show_default=LOCALIZER, autocompletion=_complete_localizer)
     ] = None
     odometry: Annotated[
-        str | None,
-        typer.Option(
-            "--odometry",
-            metavar="NAME",
-            help="Odometry: good, mediocre, poor (2, 4.5 and 9 degrees off after a metre) or "
-            "amcl-default (18).",
-            show_default=ODOMETRY,
-            autocompletion=_complete_odometry,
-        ),
+        str | None, typer.Option(show_default=ODOMETRY, autocompletion=_complete_odometry)
     ] = None
-
     position_limit: float | None = None
     lateral_limit: float | None = None
     heading_limit: float | None = None

@@ -164,7 +164,7 @@ def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tu
     # Python without docstrings (-OO) has options without help.
     if info.help is None and name in entries:
         info.metavar, info.help, shown = entries[name].groups()[1:]
-        info.show_default = shown or True
+        info.show_default = shown or info.show_default
     return plain, info
 
 

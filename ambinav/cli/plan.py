@@ -32,8 +32,6 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import Ensemble
 
-_POSITION = "Position in the map frame, metres; with Z for --space r3."
-
 
 def _list_planners(wanted: bool) -> None:
     if not wanted:
@@ -51,14 +49,8 @@ def _list_planners(wanted: bool) -> None:
 @options.documented
 def plan(
     map_file: options.StoredMap,
-    start: Annotated[
-        str,
-        typer.Option("--start", metavar="X Y [Z]", help=_POSITION, show_default=False),
-    ],
-    goal: Annotated[
-        str,
-        typer.Option("--goal", metavar="X Y [Z]", help=_POSITION, show_default=False),
-    ],
+    start: str,
+    goal: str,
     output: Annotated[Path, typer.Option("--output", "-o")],
     mission: MissionOptions,
     graph: GraphOptions,
@@ -74,13 +66,7 @@ def plan(
     trust: options.Trust = False,
     as_json: options.AsJson = False,
     list_planners: Annotated[
-        bool,
-        typer.Option(
-            "--list-planners",
-            callback=_list_planners,
-            is_eager=True,
-            help="Show the planners and exit.",
-        ),
+        bool, typer.Option("--list-planners", callback=_list_planners, is_eager=True)
     ] = False,
 ) -> None:
     """Plan a route that avoids places of bad localization where the detour is worth it.
@@ -91,8 +77,11 @@ def plan(
     r3 --start 2 3 0.6 --goal 20 8 1.8 -o route.csv`
 
     Parameters:
+        start (X Y [Z]): Position in the map frame, metres; with Z for --space r3.
+        goal (X Y [Z]): Position in the map frame, metres; with Z for --space r3.
         output (FILE|DIR): Route file: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a
             folder.
+        list_planners: Show the planners and exit.
     """
     with reporting():
         if robot.space == FLIGHT:
