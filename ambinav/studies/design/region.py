@@ -50,6 +50,23 @@ class Places:
     weight: NDArray[np.float64]
     of: int
 
+    @classmethod
+    def at_all_headings(cls, point: NDArray[np.int64], weight: NDArray[np.float64]) -> Places:
+        """Return points at which every heading counts alike."""
+        return cls(point, np.full(len(point), ALL_HEADINGS), weight, len(point))
+
+    @classmethod
+    def merged(
+        cls, point: NDArray[np.int64], heading: NDArray[np.int64], weight: NDArray[np.float64]
+    ) -> Places:
+        """Return points at headings, each pair once with the sum of its weights."""
+        pairs = np.column_stack([point, heading])
+        kept, which = np.unique(pairs, axis=0, return_inverse=True)
+        total = np.zeros(len(kept))
+        np.add.at(total, which.ravel(), weight)
+        points, headings = kept.astype(np.int64).T
+        return cls(points, headings, total, len(kept))
+
     def __len__(self) -> int:
         """Return the number of places K."""
         return len(self.point)
@@ -204,12 +221,7 @@ class Region:
                     f"of it in {lattice.environment.name}; give a smaller --robot-radius, or "
                     "another region."
                 )
-        return Places(
-            point,
-            np.full(len(point), ALL_HEADINGS),
-            np.full(len(point), lattice.spacing**2),
-            len(point),
-        )
+        return Places.at_all_headings(point, np.full(len(point), lattice.spacing**2))
 
     def _along(self, route: Route, lattice: Lattice, headings: NDArray[np.float64]) -> Places:
         poses, _, along = route.steering.dense(route.poses, ROUTE_STEP * lattice.spacing)
@@ -228,9 +240,4 @@ class Region:
                 "route through free floor."
             )
         apart = np.abs(np.angle(np.exp(1j * (poses[:, 2:] - headings))))
-        pairs = np.column_stack([nearest, apart.argmin(axis=1)])
-        kept, which = np.unique(pairs, axis=0, return_inverse=True)
-        weight = np.zeros(len(kept))
-        np.add.at(weight, which.ravel(), metres)
-        point, heading = kept.astype(np.int64).T
-        return Places(point, heading, weight, len(point))
+        return Places.merged(nearest, apart.argmin(axis=1), metres)

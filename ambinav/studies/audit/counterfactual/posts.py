@@ -31,7 +31,7 @@ from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Remedy
-from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
+from ambinav.studies.design.region import Places, Region
 
 PLACES: Final = 160
 """Bad places at which posts are tried."""
@@ -122,8 +122,7 @@ def find_posts(
     setting = MapSetting.of(amap, scanner, rules.reflective or environment.has_reflectors)
     lattice, _ = setting.lattice(environment)
     bad_points = np.flatnonzero(bad[lattice.free])
-    area = np.full(len(bad_points), amap.cell_area)
-    places = Places(bad_points, np.full(len(bad_points), ALL_HEADINGS), area, len(bad_points))
+    places = Places.at_all_headings(bad_points, np.full(len(bad_points), amap.cell_area))
     effects = Effects(environment, setting, places.sampled(lattice, PLACES, rng))
     report(0.2)
     trials = try_alone(effects, coarse, lambda share: report(0.2 + 0.3 * share))

@@ -26,7 +26,7 @@ from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
 from ambinav.studies.design.place.map_setting import MapSetting
-from ambinav.studies.design.region import ALL_HEADINGS, Places
+from ambinav.studies.design.region import Places
 from ambinav.studies.design.views import mask_of, scanner_views
 
 HEADINGS: Final = 8
@@ -86,9 +86,7 @@ class FloorSample:
         """Return indices of bad and of other positions, evenly spread and ascending."""
         samples = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
-            places = Places(
-                points, np.full(len(points), ALL_HEADINGS), np.ones(len(points)), len(points)
-            )
+            places = Places.at_all_headings(points, np.ones(len(points)))
             samples.append(np.sort(places.sampled(self.lattice, count, rng).point))
         return samples[0], samples[1]
 

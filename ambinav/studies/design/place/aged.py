@@ -78,10 +78,4 @@ def _same_places(places: Places, known: Lattice, aged: Lattice) -> Places:
     at = np.column_stack(known.points)[places.point]
     away, point = cKDTree(np.column_stack(aged.points)).query(at)
     kept = away <= NEAREST * known.spacing
-    pairs, which = np.unique(
-        np.column_stack([point[kept], places.heading[kept]]), axis=0, return_inverse=True
-    )
-    weight = np.zeros(len(pairs))
-    np.add.at(weight, which.ravel(), places.weight[kept])
-    number, heading = pairs.astype(np.int64).T
-    return Places(number, heading, weight, len(pairs))
+    return Places.merged(point[kept], places.heading[kept], places.weight[kept])

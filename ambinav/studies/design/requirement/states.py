@@ -22,6 +22,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError
+from ambinav.studies.design.improved import zones_after
 from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.gains import Gains
@@ -29,7 +30,7 @@ from ambinav.studies.design.place.greedy import Trials, place_each, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Report
-from ambinav.studies.design.region import ALL_HEADINGS, Places
+from ambinav.studies.design.region import Places
 from ambinav.studies.design.requirement.hardware import Hardware
 from ambinav.studies.design.requirement.requirement import BAD
 
@@ -70,11 +71,7 @@ class CountedFloor:
 
         Cells that are not free there keep what they had: to cover bad floor gains nothing.
         """
-        lattice = self.amap.dataset
-        zone = amap.floor("zone").reindex(
-            x=lattice["x"], y=lattice["y"], method="nearest",
-            tolerance=0.1 * self.amap.spacing, fill_value=len(ZONES),
-        ).values  # fmt: skip
+        zone = zones_after(self.amap, amap)
         return CountedFloor(self.mask, np.where(zone < len(ZONES), zone, self.zone), self.amap)
 
     def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
@@ -183,7 +180,7 @@ class ObstacleSearch:
         if weight is None:
             weight = np.full(free.shape, amap.cell_area)
         point = np.flatnonzero((floor.mask & (weight > 0.0))[free])
-        places = Places(point, np.full(len(point), ALL_HEADINGS), weight[free][point], len(point))
+        places = Places.at_all_headings(point, weight[free][point])
         self.effects = Effects(environment, setting, places)
         self.gains = Gains(self.effects)
         self._batches: dict[frozenset[Candidate], Batch] = {}
