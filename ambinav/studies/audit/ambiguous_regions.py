@@ -78,7 +78,6 @@ def find_ambiguous_regions(
     count: int | None = None,
     heading: str | float = "mean",
     *,
-    gap: float = GAP,
     least_area: float = LEAST_AREA,
 ) -> tuple[AmbiguousRegion, ...]:
     """Find the connected regions of corridor and open zones, the worst first.
@@ -90,7 +89,6 @@ def find_ambiguous_regions(
         amap: The map.
         count: How many at most; None: all.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        gap: Metres, see `GAP`.
         least_area: Square metres, see `LEAST_AREA`.
 
     Returns:
@@ -116,7 +114,7 @@ def find_ambiguous_regions(
         (CORRIDOR, OPEN),
         axis,
         passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing),
-        gap=round(gap / amap.spacing),
+        gap=round(GAP / amap.spacing),
         least=max(1, round(least_area / amap.spacing**2)),
     )
     within = np.nonzero(labels)

@@ -49,16 +49,13 @@ class LostRoutes:
         )
 
 
-def find_lost_routes(
-    amap: AmbiguityMap, environment: Environment, reach: Reach, pairs: int = PAIRS
-) -> LostRoutes:
+def find_lost_routes(amap: AmbiguityMap, environment: Environment, reach: Reach) -> LostRoutes:
     """Sample pairs of places that a robot drives between, and forecast the shortest routes.
 
     Args:
         amap: The map.
         environment: What it was built of.
         reach: Floor that the robot reaches.
-        pairs: Number of pairs.
 
     Raises:
         InputError: no route can be sampled, as in a building of a single place.
@@ -67,7 +64,7 @@ def find_lost_routes(
         # Floor that is cut off on the lattice: the audit reports what is not reached.
         warnings.simplefilter("ignore", InputWarning)
         routes = sample_routes(
-            environment, reach, pairs, np.random.default_rng(SEED), step=graph_step(reach, STEP)
+            environment, reach, PAIRS, np.random.default_rng(SEED), step=graph_step(reach, STEP)
         )
     forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
     forecasts = map(forecaster, routes)
