@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 
 def fill(
@@ -21,19 +23,22 @@ def fill(
     Args:
         package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
-        filters: Further filters by name, besides `cell`, `moment` and `md`.
+        filters: Further filters by name, besides `cell`, `moment`, `md` and `list_items`.
         shared: Package of the templates that it may build on.
         values: Values for the template; a missing one is an error.
     """
+    is_html = template.endswith(".html.j2")
     templates = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader(shared)]),
-        autoescape=template.endswith(".html.j2"),
+        autoescape=is_html,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    templates.filters.update({"cell": cell, "moment": moment, "md": escape_cell, **filters})
+    own = {"cell": cell, "moment": moment, "list_items": list_items}
+    # In a page all values are escaped already, also in parts that are Markdown.
+    templates.filters.update({**own, "md": str if is_html else escape_cell, **filters})
     return templates.get_template(template).render(**values)
 
 
@@ -62,6 +67,20 @@ def cell(value: object) -> str:
 def escape_cell(text: str) -> str:
     """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+
+
+def list_items(text: str) -> Markup:
+    """Convert a list in Markdown to HTML, so that both reports have the same sentences.
+
+    Args:
+        text: Lines that begin with "- ", with **bold** and `code`; values in it are escaped. An
+            item that begins in bold gets a capital.
+    """
+    html = re.sub(r"^- \*\*(.)", lambda start: f"- **{start[1].upper()}", text, flags=re.MULTILINE)
+    html = re.sub(r"\*\*(.*?)\*\*", r"<b>\1</b>", html)
+    html = re.sub(r"`(.*?)`", r"<code>\1</code>", html)
+    items = re.sub(r"^- (.*)$", r"<li>\1</li>", html.strip(), flags=re.MULTILINE)
+    return Markup(f"<ul>\n{items}\n</ul>\n")
 
 
 def counted(count: int, what: str) -> str:
