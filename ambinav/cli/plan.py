@@ -172,7 +172,8 @@ def plan(
         for key, seconds in speed.minimised(routes, planner.service).items():
             each[key]["minimised_s"] = seconds
             lines.append(
-                f"{key}: {seconds:.1f} s at the speeds of its places, without ramps and turns"
+                f"{key}: planned for {seconds:.1f} s by the errors that localization comes to at "
+                "its places; the times above have those along the route, ramps and turns"
             )
         if result.certify:
             for key, planned in routes.items():

@@ -216,6 +216,9 @@ def check_file(output: Path) -> None:
     """
     if output.is_dir():
         raise InputError(f"{output}: this is a folder; name a file to write.")
+    for folder in output.absolute().parents:
+        if folder.suffix == ".zarr" and folder.is_dir():
+            raise InputError(f"{output}: this is inside of the map {folder}; give another folder.")
     check_writable(output)
 
 

@@ -292,6 +292,10 @@ class EnsembleRunner:
     ) -> Ensemble:
         """Run the localizer many times along a route; see `ensemble`."""
         runs = as_count(runs, "runs")
+        if not isinstance(rng, np.random.Generator):
+            raise InputError(
+                f"rng is a {type(rng).__name__}; give a numpy Generator, such as default_rng(1)."
+            )
         lost = self._lost if lost is None else lost
         rule = StoppingRule(threshold=until, width=width)
         sequential = until is not None or width is not None

@@ -266,6 +266,10 @@ def forecast(
     Raises:
         InputError: see `Forecaster`, and its call.
     """
+    if not isinstance(route, Route):
+        raise InputError(
+            f"route is a {type(route).__name__}; give a Route, such as of plan or load_route."
+        )
     forecaster = Forecaster(
         amap, odometry, localizer,
         start_std=start_std, position_limit=position_limit, heading_limit=heading_limit,

@@ -82,7 +82,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     |               | 4       | deviation of the heading (rad)                | 0   | 2   |
     | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
-    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
+    | `waypoint`    | 0 to 2  | as `goal`: a point 0.9 to 1.6 m ahead there   |     |     |
     | `remaining`   | 0       | share of the episode's steps that is left     | 0   | 1   |
 
     Goal, window and waypoint are relative to the *estimated* pose, with `pose_latency` to an older

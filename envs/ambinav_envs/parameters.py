@@ -241,7 +241,7 @@ class NavigationParameters:
     odometry: Annotated[InstanceOf[OdometryNoise], of_mapping(OdometryNoise)] = field(
         default_factory=OdometryNoise
     )
-    odometry_scale: NonNegative = 1.0
+    odometry_scale: Annotated[float, number(least=0, most=100)] = 1.0
     start_std: Annotated[tuple[Positive, Positive, Positive], row(3, "give 3 numbers")] = (
         0.05, 0.05, 0.02,
     )  # fmt: skip
@@ -314,6 +314,12 @@ class NavigationParameters:
         self._require("obstacle_sizes", low <= high, "the least and the greatest edge")
         low, high = self.kidnap_seconds
         self._require("kidnap_seconds", low <= high, "the first and the last moment")
+        end = self.max_steps * self.dt
+        if self.kidnapped and low >= end:
+            raise InputError(
+                f"kidnap_seconds is ({low:g}, {high:g}) and an episode ends after {end:g} s, so "
+                "that nobody is kidnapped; give earlier moments or more max_steps."
+            )
         most = MOST_LATE * self.dt
         self._require("pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
         low, high = self.detour

@@ -135,12 +135,13 @@ class PricedGraph:
         ahead = np.isfinite(dijkstra(matrix, indices=count - 2, unweighted=True))
         behind = np.isfinite(dijkstra(matrix.T, indices=count - 1, unweighted=True))
         start, goal = (f"({x:g}, {y:g})" for x, y, _ in (problem.start, problem.goal))
-        source = self.graph.source
+        source, blocked = self.graph.source, int((~self.free).sum())
+        blocked_text = f"{blocked} of {len(self.free)} edges are blocked for this robot"
         for name, reached, place in (("start", ahead, start), ("goal", behind, goal)):
             if reached.sum() == 1:
                 return (
                     f"{source}: the {name} {place} sees no point of an edge that the robot can "
-                    "drive; add an edge near by, or move it."
+                    f"drive ({blocked_text}); add an edge near by, or move it."
                 )
         if problem.limit is not None and ahead[count - 1]:
             return (
@@ -151,11 +152,10 @@ class PricedGraph:
         apart, nearest = cKDTree(self.graph.xy[parts[1]]).query(self.graph.xy[parts[0]])
         k = int(apart.argmin())
         a, b = (self.graph.nodes[n]["id"] for n in (parts[0][k], parts[1][nearest[k]]))
-        blocked = int((~self.free).sum())
         return (
             f"{source}: its edges do not lead from the start {start} to the goal {goal}: the start "
             f"leads to {len(parts[0])} of {len(self.graph.xy)} nodes, and {len(parts[1])} others "
-            f"lead to the goal ({blocked} of {len(self.free)} edges are blocked for this robot); "
+            f"lead to the goal ({blocked_text}); "
             f"add edges, such as from node {a} to node {b}, {apart[k]:.1f} m."
         )
 

@@ -105,11 +105,14 @@ class RoutePlanner:
             if isinstance(service_or_map, AmbiguityMap)
             else service_or_map
         )
-        if not isinstance(footprint, Footprint | int | float | np.number):
+        is_number = isinstance(footprint, int | float | np.number)
+        if isinstance(footprint, bool) or not (is_number or isinstance(footprint, Footprint)):
             raise InputError(
                 f"footprint is {footprint!r}; give a radius in metres, or Footprint.polygon(...)."
             )
-        outline = footprint if isinstance(footprint, Footprint) else Footprint.disc(footprint)
+        outline = (
+            footprint if isinstance(footprint, Footprint) else Footprint.disc(float(footprint))
+        )
         self.limit = None if max_bad_metres is None else BadStretchLimit(max_bad_metres, bad_level)
         xmin, ymin, xmax, ymax = self.service.map.bounds
         largest = LARGEST_RADIUS * max(xmax - xmin, ymax - ymin)

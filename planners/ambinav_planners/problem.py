@@ -174,7 +174,7 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     if reason is None:
         return x, y, theta
     nearest = checker.nearest_free(x, y, theta)
-    where = "no place in this building is wide enough for the robot"
+    where = "no other place in this building is free for the robot"
     if nearest is not None:
         where = f"the nearest free point is {_to_digits(nearest, checker)}, {nearest[3]:.2f} m away"
     raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")

@@ -167,7 +167,7 @@ def test_ends_in_unknown_space(two_rooms: AmbiguityMap) -> None:
 
 
 def test_a_robot_that_fits_nowhere(two_rooms: AmbiguityMap) -> None:
-    with pytest.raises(InputError, match="no place in this building is wide enough"):
+    with pytest.raises(InputError, match="no other place in this building is free for the robot"):
         plan(two_rooms, LEFT, (3.0, 3.0), footprint=2.5)
 
 

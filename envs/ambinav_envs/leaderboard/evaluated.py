@@ -91,7 +91,7 @@ class Evaluation:
 
 def evaluate(
     controller: EpisodeDriver | Policy,
-    task: str,
+    task: str | None = None,
     episodes: int = 200,
     seed: int = 0,
     *,
@@ -105,7 +105,7 @@ def evaluate(
 
     Args:
         controller: A policy or a controller.
-        task: Gymnasium id of the environment.
+        task: Gymnasium id of the environment; None: that of the policy's training.
         episodes: Number of episodes.
         seed: Seed of the episodes, 0 or more.
         progress: Called with the share done.
@@ -113,12 +113,14 @@ def evaluate(
             they say which buildings, these are `COUNT` of the suite from `UNSEEN` on.
 
     Raises:
-        InputError: nobody has registered the id, the policy does not fit, or an argument is of no
-            use.
+        InputError: nobody has registered the id, the policy does not fit, an argument is of no use,
+            or a controller gets no id.
     """
     if isinstance(controller, Policy):
         arguments = environment_for(controller, arguments, task)
-        task = arguments.pop("id")
+        task = arguments.pop("id", None)
+    elif task is None:
+        raise InputError("task is None, and a controller was trained nowhere; give an id.")
     elif arguments_of_id(task, arguments).get("map") is None:
         arguments = JUDGED | arguments
     arena = Arena.of(task, arguments)

@@ -136,6 +136,12 @@ class Training(ConfigModel):
                 raise InputError(f"{where}: {key} cannot be given, {MANAGED[key]}; drop it")
         if self.base is not None and self.algorithm == "recurrent-ppo":
             raise InputError("base: recurrent-ppo cannot correct a baseline; choose ppo or sac")
+        ends = [stage.share for stage in self.curriculum if stage.share is not None]
+        if ends != sorted(set(ends)):
+            raise InputError(
+                f"curriculum: its stages end at the shares {', '.join(f'{end:g}' for end in ends)} "
+                "of the training; let each be above the one before"
+            )
         chosen = hyperparameters_of(self.algorithm, self.hyperparameters, self.envs)
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
