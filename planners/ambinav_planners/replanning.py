@@ -137,7 +137,14 @@ class Replanner:
         if obstacles is not None and self._change_obstacles(obstacles):
             why.append("obstacles changed")
         checker, service = self._problem.checker, self._problem.service
-        problem = replace(self._problem, start=check_pose("pose", pose, checker))
+        start = check_pose("pose", pose, self._robot)
+        if not checker.poses_free([start])[0]:
+            raise InputError(
+                f"pose ({start[0]:g}, {start[1]:g}) is nearer to one of the obstacles than the "
+                f"robot's radius, {checker.footprint.outer:g} m; leave out what is the robot "
+                "itself, or drive away from it first."
+            )
+        problem = replace(self._problem, start=start)
         path, cost = self._lattice_path(problem)
         last = self.route
         kept = None if last is None else self._rest(last, problem)

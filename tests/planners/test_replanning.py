@@ -171,6 +171,8 @@ def test_what_a_replanner_is_not_for(robot: RoutePlanner, demo: AmbiguityService
         Replanner(robot, (-5.0, 3.0))
     with pytest.raises(InputError, match="not finite"):
         planner.replan(START, obstacles=shapely.Point(math.nan, 1.0))
+    with pytest.raises(InputError, match=r"\(3, 3\) is nearer to one of the obstacles than"):
+        planner.replan(START, obstacles=shapely.Point(START).buffer(0.3))
     with pytest.raises(InputError, match="changed is"):
         planner.replan(START, changed=demo)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="obstacles is"):
