@@ -102,6 +102,7 @@ def test_all_kinds_are_drawn_dragged_and_deleted(page: Any) -> None:
     tool(page, "Reflector")
     page.mouse.click(middle[0] + one_metre, middle[1])
     drag(page, (middle[0] + 2 * one_metre, middle[1]), (middle[0] + 3 * one_metre, middle[1]))
+    shown(page, 3)
     tool(page, "Panel")
     page.mouse.click(*middle)  # a click is no panel
     assert "Press, pull and let go" in page.locator("#panel-edit .message").inner_text()
