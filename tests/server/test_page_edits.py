@@ -14,6 +14,7 @@ import shapely
 
 import ambinav as an
 from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
+from ambinav.server.access import Access
 from ambinav.server.http.app import create_app
 from tests.server.axe import violations
 from tests.server.live import running
@@ -354,6 +355,27 @@ def test_two_people_edit_one_session(chromium: Any, plan_map: Path) -> None:
         for page in pages:
             page.wait_for_selector(".map[data-version=map]")
             assert [fault for fault in page.faults if "(Conflict)" not in fault] == []
+            page.context.close()
+
+
+def test_who_may_only_read_sees_the_edits_of_a_session(chromium: Any, plan_map: Path) -> None:
+    with running(create_app([plan_map], access=Access("write", "read"))) as live:
+        place = f"{live.url}/?map=map&session=shared"
+        writer, reader = (visit(chromium, f"{place}#token={name}") for name in ("write", "read"))
+        for page in (writer, reader):
+            page.context.set_default_timeout(60_000)
+            page.get_by_role("tab", name="Edit").click()
+        middle = at(writer, 7.0, 1.7)
+        tool(writer, "Post")
+        writer.mouse.click(*middle)
+        shown(writer, 1)
+        edited = writer.locator(".map").get_attribute("data-version")
+        reader.wait_for_selector(f".map[data-version='{edited}']")
+        assert entries(reader) == entries(writer)
+        assert "for reading only" in reader.locator("#panel-edit .message").inner_text()
+        again = visit(chromium, f"{place}#token=read")
+        again.wait_for_selector(f".map[data-version='{edited}']")
+        for page in (writer, reader, again):
             page.context.close()
 
 

@@ -14,8 +14,9 @@ export class EditSync {
   #waiting = false;
   #restoring = null;
   #shown = [];
-  /** Step of the session that is shown; null until one is known. */
+  /** Step of the session that is shown; null until one is known; and its map as it was last seen. */
   #step = null;
+  #current = null;
   #taken = null;
 
   /**
@@ -40,7 +41,7 @@ export class EditSync {
     this.#running?.abort();
     this.map = map;
     this.#shown = [];
-    this.#step = null;
+    [this.#step, this.#current] = [null, null];
     this.warm = false;
     this.store.set({ session: this.isNew ? null : this.session, edited: null, original: false, trouble: null, working: false });
   }
@@ -61,7 +62,7 @@ export class EditSync {
     const { map } = this;
     const { position, current } = await this.source.session(map.id, this.session);
     const features = current === map.id ? [] : (await this.source.obstacles(current)).features;
-    if (map === this.map) this.#step = position;
+    if (map === this.map) [this.#step, this.#current] = [position, current];
     return features;
   }
 
@@ -142,9 +143,11 @@ export class EditSync {
     } catch (problem) {
       if (map !== this.map || problem.name === "AbortError") return false;
       if (problem.status !== 409) store.set({ trouble: problem.message });
-      else if (problem.field === "after") await this.#yield();
+      // Who may only read sees what the others have made of the session.
+      if (problem.status === 403 && this.#current) await this.show(this.#current, true).catch(() => {});
+      if (problem.status === 409 && problem.field === "after") await this.#yield();
       // An edit of somebody else has stopped this one; what is dragged is asked for again anyway.
-      else return !draft;
+      else if (problem.status === 409) return !draft;
       return problem.status === 503;
     }
     return false;
