@@ -85,6 +85,12 @@ def test_an_edit_says_which_step_it_goes_on_from(live: Live) -> None:
     assert post(2.6, after=2).status_code == 409
     assert post(2.6, after=-1).status_code == 422
     assert post(2.6).json()["step"] == 2  # who does not ask is not refused
+    nothing = {"type": "FeatureCollection", "features": []}
+    query = {"session": "both", "after": 2}
+    removed = live.http.post("/v1/maps/map/edits", params=query, json=nothing).json()
+    assert (removed["step"], removed["id"], removed["obstacles"]) == (3, "map", 0)
+    assert live.get("/v1/maps/map/sessions/both")["current"] == "map"
+    assert live.http.post("/v1/maps/map/sessions/both/undo").json()["obstacles"] == 1
     none = live.http.post("/v1/maps/map/edits", json=post_at(2.6)).json()
     assert none["step"] is None
 

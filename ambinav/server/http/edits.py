@@ -110,8 +110,8 @@ class ObstacleCollection(_GeoJsonPart):
 
     type: Literal["FeatureCollection"] = Field(description="GeoJSON type")
     features: Annotated[list[ObstacleFeature], FIRST_ONLY] = Field(
-        description="The obstacles; empty: returns the original map and prepares a process for "
-        "edits"
+        description="The obstacles; empty: returns the original map, as a step of the session or, "
+        "without one, to prepare a process for edits"
     )
 
 

@@ -128,7 +128,7 @@ class Edits:
     ) -> tuple[ServedMap, int | None]:
         """Return the map with the obstacles (without any, the original), and the session's step.
 
-        For the original, a process is prepared for later edits.
+        For the original, a process is prepared for later edits, unless it is a step of a session.
 
         Args:
             base: The original.
@@ -225,6 +225,8 @@ class Edits:
             kept.owner = owner
             self._maps.get(name)  # it was used just now
             return kept
+        if not obstacles and owner is not None:
+            return base
         source = await self._file_of(base)
         place = self._folder() / f"edit-{next(self._numbers)}.npz"
         try:
