@@ -31,13 +31,12 @@ OUTCOMES: Final[dict[Outcome, str]] = {
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
     """Describe the acceptance criterion in a sentence."""
     return (
-        f"Criterion against the shortest route, of which all parts must hold: robots are lost at "
-        "most "
-        f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
+        "Criterion against the shortest route, of which all parts must hold: robots are lost at "
+        f"most {_percent(criterion.lost)} as often, the {ERROR} is at most "
         f"{_percent(criterion.error)}, the route is planned at most {_percent(criterion.extra)} "
-        f"longer, and robots are not shown to collide more often. If no robot was lost or collided "
-        f"on the shortest route and the {ERROR} is below {criterion.easy:g} m there, there is "
-        "nothing to gain."
+        "longer, and robots are not shown to collide more often, nor do more than "
+        f"{_percent(criterion.walls)} of them. If no robot was lost or collided on the shortest "
+        f"route and the {ERROR} is below {criterion.easy:g} m there, there is nothing to gain."
     )
 
 

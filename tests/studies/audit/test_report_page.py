@@ -124,7 +124,7 @@ def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:
 
 
 @pytest.mark.slow(kept=("light-1280", "dark-390"))
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_too_wide(chromium, report, width, scheme):
     size = {"width": width, "height": 844}
