@@ -194,7 +194,7 @@ def speed_profile(
     lengths, turn = np.diff(along), np.abs(np.diff(points[:, 2]))
     # In a bend the speed is bounded by turn rate / curvature at both of a piece's ends.
     moving = lengths > SAME
-    bends = moving & (turn > 0.0)
+    bends = moving & (limits.max_turn_rate * lengths < limits.max_speed * turn)
     allowed = np.full(len(lengths) + 2, limits.max_speed)
     rates = limits.max_turn_rate * lengths[bends] / turn[bends]
     allowed[1:-1][bends] = np.minimum(rates, limits.max_speed)

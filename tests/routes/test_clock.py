@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ambinav.geometry.motion.steering import Steering
@@ -63,6 +63,11 @@ def check(profile: SpeedProfile, held: SpeedLimits, arcs: bool) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(poses=poses, steering=st.sampled_from(STEERINGS), held=limits)
+@example(
+    poses=[(0.0, 0.0, 0.0), (0.0, 0.0, 2e-311), (0.0, 1.0, 0.0)],
+    steering=Steering("se2"),
+    held=SpeedLimits(max_speed=1.0, acceleration=1.0, max_turn_rate=1.0),
+)
 def test_stamped_points_keep_to_the_limits(poses, steering, held):
     profile = speed_profile(poses, steering, held)
     assert len(profile.vertices) == len(poses)
