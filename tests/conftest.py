@@ -7,6 +7,7 @@ import gc
 import math
 import os
 import pickle
+import random
 import shutil
 import signal
 from collections import Counter
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy.random.bit_generator
 import pytest
 import typer.main
 import typer.testing
@@ -26,7 +28,8 @@ settings.register_profile("tests", deadline=None, suppress_health_check=[HealthC
 # The gate draws the same examples each time, so that what fails there is what a change has broken;
 # whoever runs the tests by hand draws new ones, and so looks further.
 settings.register_profile("gate", settings.get_profile("tests"), derandomize=True)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "tests"))
+PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "tests")
+settings.load_profile(PROFILE)
 
 # Tests run side by side: threads that spin while they wait take the time of the others' work.
 # This is read when the threads are first started, here and in all that the tests start.
@@ -70,6 +73,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if missing and not any("::" in name for name in config.args):
         raise pytest.UsageError(f"slow(kept=...) names cases that are not there: {missing}")
     items.sort(key=lambda item: -_slow(item, "minutes", 0.0))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """In the gate, generators without a seed too draw the same in each run of a test."""
+    if PROFILE == "gate":
+        numpy.random.bit_generator.randbits = random.Random(item.nodeid).getrandbits
 
 
 def pytest_collection_finish() -> None:

@@ -95,6 +95,7 @@ def test_attributes_and_methods() -> None:
 def test_tells_what_wrappers_add() -> None:
     inner = NavigationVectorEnv(3, map=room(), autoreset_mode="SameStep", **OPTIONS)
     envs = NavigationVecEnv(gym.wrappers.vector.RecordEpisodeStatistics(inner))
+    envs.seed(0)
     envs.reset()
     ended = []
     for _ in range(26):
