@@ -96,7 +96,7 @@ def main() -> None:
     """Train what is missing, drive, and report."""
     chosen = arguments(
         __doc__,
-        seeds=2,
+        seeds=5,
         steps=option(300_000, "of each training"),
         episodes=option(64, "of each map"),
         seed=option(40, "of the episodes"),

@@ -53,6 +53,22 @@ def test_a_route_is_written_and_loads_again(
     assert f" {route.open_metres:.2f} ({route.longest_open:.2f}) m" in result.stdout
     assert f"route: {name}" in result.stdout
     assert result.stderr == ""
+    again = runner.invoke(app, [*PLAN, "-o", name])
+    assert again.exit_code == 0, again.output
+
+
+@pytest.mark.parametrize("name", ["hall.geojson", "costs.json", "sites.csv"])
+def test_a_file_that_is_no_route_is_not_replaced(
+    runner: CliRunner, plan_folder: Path, name: str
+) -> None:
+    kept = b'{"type": "Polygon", "coordinates": []}\n'
+    (plan_folder / name).write_bytes(kept)
+    result = runner.invoke(app, [*PLAN, "-o", name])
+    assert result.exit_code == 2, result.output
+    assert f"{name} is there and holds no route; give another name" in " ".join(
+        result.stderr.split()
+    )
+    assert (plan_folder / name).read_bytes() == kept
 
 
 def test_a_picture_and_the_shortest_route(runner: CliRunner, plan_folder: Path) -> None:

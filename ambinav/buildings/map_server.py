@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from ambinav.config import parse_yaml
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
@@ -105,15 +105,11 @@ def _read_yaml(path: Path) -> Mapping[Any, Any]:
         raise InputError(
             f"{path}: the map's YAML file cannot be read ({reason}); name a map_server YAML file."
         ) from error
-    try:
-        header = yaml.safe_load(text)
-    except Exception as error:  # PyYAML's constructors raise more than YAMLError on odd tags
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{path}: this is not valid YAML{where}; correct the file.") from error
+    header = parse_yaml(text, str(path), "it needs image, resolution and origin")
     if not isinstance(header, Mapping):
-        what = "is empty" if header is None else "holds no keys"
-        raise InputError(f"{path}: the YAML file {what}; it needs image, resolution and origin.")
+        raise InputError(
+            f"{path}: the YAML file holds no keys; it needs image, resolution and origin."
+        )
     return header
 
 

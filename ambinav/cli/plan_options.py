@@ -16,6 +16,7 @@ import typer
 
 from ambinav.cli.checks import check_suffix, conflict, points_of
 from ambinav.cli.running import above_zero, check_file, check_writable, not_negative
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -384,9 +385,25 @@ class ResultOptions:
 
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
+            _check_replaced(output)
         if self.picture is not None:
             check_suffix(self.picture, "--picture", PICTURES)
             check_file(self.picture)
+
+
+def _check_replaced(output: Path) -> None:
+    """Refuse to write a route over a file of another content, such as a building's GeoJSON."""
+    from ambinav.export.registry import exporter
+    from ambinav.routes.files import load_route
+
+    if not output.is_file() or exporter("route", output).read is None:
+        return
+    try:
+        load_route(output)
+    except InputError as error:
+        raise InputError(
+            f"--output: {output} is there and holds no route; give another name, or remove it."
+        ) from error
 
 
 def _polygons(path: Path | None) -> BaseGeometry | None:

@@ -69,7 +69,8 @@ def parse_yaml(text: str, where: str, example: str) -> object:
         raise InputError(
             f"{where}: {line}not valid YAML ({error.problem}); correct the file there."
         ) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    # PyYAML's constructors raise whatever an odd tagged value leads to.
+    except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{where}: not valid YAML ({reason}); correct the file.") from error
     if plain is None:

@@ -10,6 +10,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 DPI: Final = 160
 MARGIN: Final = 0.08
@@ -45,6 +46,7 @@ def root_figure(axes: Axes) -> Figure:
 def fit(axes: Axes) -> None:
     """Fit the figure around its only axes, which keep their size, and their surroundings."""
     figure = root_figure(axes)
+    _take_literally(figure)
     _fitted.add(figure)
     size = figure.get_size_inches()
     inner = axes.get_position()
@@ -64,6 +66,7 @@ def fit(axes: Axes) -> None:
 def save_figure(picture: Axes | Figure, path: Path) -> None:
     """Write a figure, or the figure of some axes; the suffix of `path` sets the format."""
     figure = picture if isinstance(picture, Figure) else root_figure(picture)
+    _take_literally(figure)
     suffix = path.suffix.lower()
     options: dict[str, Any] = {}
     if suffix == ".png":
@@ -77,3 +80,11 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     # Else the ids in an SVG file are drawn at random.
     with rc_context({"svg.hashsalt": "ambinav"}):
         figure.savefig(path, dpi=DPI, **options)
+
+
+def _take_literally(figure: Figure) -> None:
+    """Show dollar signs in names as they are; only Matplotlib's own tick labels are formulas."""
+    for text in figure.findobj(Text):
+        shown = text.get_text() if isinstance(text, Text) else ""
+        if "$" in shown and not shown.startswith(r"$\mathdefault"):
+            text.set_parse_math(False)

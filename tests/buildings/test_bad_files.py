@@ -86,6 +86,7 @@ def test_yaml_values(changes: dict[str, Any]) -> None:
 @example(b"? {}\n: 1")
 @example(b"!!timestamp x")
 @example(b"[" * 5000)
+@example(b"resolution: 1\nresolution: 2")
 def test_yaml_junk(content: bytes) -> None:
     assert settled("map.yaml", content) is None
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ambinav.plotting.canvas import new_figure, save_figure
+from ambinav.plotting.canvas import fit, new_figure, save_figure
 from ambinav.plotting.style import FORMATS
 
 
@@ -20,3 +20,18 @@ def test_the_same_picture_is_the_same_file(tmp_path: Path, suffix: str) -> None:
         files.append(tmp_path / f"{number}.{suffix}")
         save_figure(figure, files[-1])
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_dollar_signs_in_names_are_no_formula(tmp_path: Path) -> None:
+    """The one is no formula at all, and that of the axis stays one when it is saved twice."""
+    figure = new_figure(3, 2)
+    axes = figure.subplots()
+    axes.loglog([1, 1000], [1, 1000])
+    axes.set_title(r"$\hall$")
+    fit(axes)
+    for _ in range(2):
+        save_figure(figure, tmp_path / "picture.png")
+    assert not axes.title.get_parse_math()
+    ticks = axes.get_xticklabels()
+    assert any("$" in tick.get_text() for tick in ticks)
+    assert all(tick.get_parse_math() for tick in ticks)

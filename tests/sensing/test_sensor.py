@@ -208,6 +208,7 @@ GOOD_YAML = "max_range: 4\nresolution: 0.01\n"
     [
         ("", "the file is empty"),
         ("[1, 2", "line 1: not valid YAML"),
+        ("std: !!bool maybe", "not valid YAML ('maybe'); correct"),
         ("just words", "is 'just words'; give a mapping"),
         (GOOD_YAML, "the key 'std' is missing; add it"),
         (GOOD_YAML + "std: 0.1\nmax_rnge: 3", "'max_rnge' is unknown; did you mean max_range"),

@@ -9,13 +9,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import yaml
 from PIL import Image
 from starlette.datastructures import UploadFile
 
 from ambinav.buildings.map_server import FORMATS
+from ambinav.config import parse_yaml
 from ambinav.runtime.errors import InputError
 from ambinav.server.served import slug
 
@@ -107,9 +108,10 @@ def _header(content: bytes, image: str) -> str:
     if len(content) > MOST_YAML:
         raise InputError(f"files: the map_server file has more than {MOST_YAML} bytes.")
     try:
-        header: Any = yaml.safe_load(content)
-    except Exception as error:  # PyYAML's constructors raise more than YAMLError on odd tags
-        raise InputError("files: the map_server file is not valid YAML; correct it.") from error
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError("files: the map_server file is not UTF-8 text; correct it.") from error
+    header = parse_yaml(text, "files: the map_server file", "it needs image and resolution")
     if not isinstance(header, dict) or "image" not in header:
         raise InputError(
             "files: the YAML file is not a map_server file; the key `image` is missing."
