@@ -173,15 +173,18 @@ def load_polygons(
 def load_region(path: str | Path) -> BaseGeometry:
     """Read the area of all polygons of a `.geojson`, `.json` or `.wkt` file, map frame, metres.
 
+    It is their union: unlike in a plan, one that lies in another takes nothing away. Holes do.
+    Properties of features are not read.
+
     Raises:
-        InputError: the file cannot be read, or holds anything but polygons.
+        InputError: the file cannot be read, or holds no polygon or anything else.
     """
     path = Path(path)
     text = read_text(path)
     shapes = (
         _from_wkt(path, text)
         if path.suffix.lower() == ".wkt"
-        else _from_geojson(f"{path}", _json(path, text), _Tags())
+        else _from_geojson(f"{path}", _json(path, text), None)
     )
     polygons = []
     for item in shapes:
@@ -189,6 +192,8 @@ def load_region(path: str | Path) -> BaseGeometry:
         if kind not in POLYGONS:
             raise InputError(f"{item.label}: it is a {kind}; give polygons, which have an area.")
         polygons.append(shapely.make_valid(item.geometry))
+    if not polygons:
+        raise InputError(f"{path}: it holds no polygon; draw one, in metres of the map frame.")
     return shapely.union_all(polygons)
 
 
@@ -244,8 +249,8 @@ def _is_number(value: object) -> bool:
         return False
 
 
-def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
-    """Yield all geometries below a GeoJSON object."""
+def _from_geojson(label: str, node: object, tags: _Tags | None) -> Iterator[_Item]:
+    """Yield all geometries below a GeoJSON object; without tags no properties are read."""
     if not isinstance(node, dict):
         raise InputError(f"{label} is {reprlib.repr(node)}; it must be a GeoJSON object.")
     what = node.get("type")
@@ -260,7 +265,7 @@ def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
         properties = node.get("properties") or {}
         if not isinstance(properties, dict):
             raise InputError(f"{label}: properties must be an object or null.")
-        tags = _properties(label, properties)
+        tags = None if tags is None else _properties(label, properties)
         if node.get("geometry") is None:
             raise InputError(f"{label} has no geometry; give it one or remove it.")
         yield from _from_geojson(label, node["geometry"], tags)
@@ -273,7 +278,7 @@ def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
             raise InputError(
                 f"{label}: the coordinates make no {what} ({reason}); correct them."
             ) from error
-        yield _Item(label, checked(label, geometry), tags)
+        yield _Item(label, checked(label, geometry), tags or _Tags())
     else:
         raise InputError(
             f"{label}: type is {reprlib.repr(what)}; it must be a FeatureCollection, a Feature or "

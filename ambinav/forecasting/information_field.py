@@ -43,7 +43,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import beam_noise, informations, ray_caster
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.lattice_values import value_at
+from ambinav.maps.lattice_values import bilinear, corner
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -63,27 +63,18 @@ AROUND = 3
 class InformationField:
     """Information matrix of one scan over a map, linear between cells, extended into walls.
 
-    All are float32 of shape (rows, columns, headings), headings 1 if it does not matter.
-
     Attributes:
-        xx: 1/m^2.
-        xy: Likewise.
-        yy: Likewise.
-        xt: Coupling of x with the heading, 1/(m rad).
-        yt: Likewise.
-        tt: About the heading, 1/rad^2.
-        weak: About the position if the heading is unknown, the least over all directions, 1/m^2.
+        nearest: Row of `entries` for each cell: its own, or that of the nearest one where a robot
+            can be; int32, shape (rows, columns, headings), headings 1 if it does not matter.
+        entries: xx, xy, yy (1/m^2), their couplings xt, yt with the heading (1/(m rad)), tt
+            (1/rad^2), and the least information about the position over all directions if the
+            heading is unknown (1/m^2); float32, shape (N, 7).
         origin: x and y of the first cell's centre, metres.
         spacing: Metres.
     """
 
-    xx: NDArray[np.float32]
-    xy: NDArray[np.float32]
-    yy: NDArray[np.float32]
-    xt: NDArray[np.float32]
-    yt: NDArray[np.float32]
-    tt: NDArray[np.float32]
-    weak: NDArray[np.float32]
+    nearest: NDArray[np.int32]
+    entries: NDArray[np.float32]
     origin: tuple[float, float]
     spacing: float
 
@@ -111,12 +102,15 @@ class InformationField:
         if points is not None:
             near = possible & _near(amap, points)[:, :, np.newaxis]
             possible = near if near.any() else possible
-        rows, columns, headings = possible.shape
+        headings = possible.shape[2]
         names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
         layers = {name: _as_headings(amap, name) for name in names}
         theta = data["theta"].values.astype(np.float64) if amap.has_theta else np.zeros(1)
         turning = _Turning(amap, environment)
-        parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
+        # Of a large building most cells are not floor: values are kept once for each pose.
+        nearest = np.zeros(possible.shape, dtype=np.int32)
+        entries = np.empty((np.count_nonzero(possible), 7), dtype=np.float32)
+        done = 0
         for k in range(headings):
             # One heading at a time, so that only one floor is in memory.
             row, column = np.nonzero(possible[:, :, k])
@@ -130,21 +124,24 @@ class InformationField:
             turn, shift = turning.at(poses)
             if "heading" in at:
                 turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
-            entries = _entries(at, turn, shift)
-            for part, values in zip(parts, entries, strict=True):
-                part[row, column, k] = values
+            part = slice(done, done + len(row))
+            nearest[row, column, k] = np.arange(part.start, part.stop)
+            entries[part] = np.column_stack(_entries(at, turn, shift))
+            done = part.stop
         for k in range(headings):
-            nearest = nearest_possible(possible, k)
-            for part in parts:
-                part[:, :, k] = part[nearest]
+            nearest[:, :, k] = nearest[nearest_possible(possible, k)]
         origin = (float(data["x"].values[0]), float(data["y"].values[0]))
-        xx, xy, yy, xt, yt, tt, weak = parts
-        return cls(xx, xy, yy, xt, yt, tt, weak, origin, amap.spacing)
+        return cls(nearest, entries, origin, amap.spacing)
 
     @property
-    def fields(self) -> tuple[NDArray[np.float32], ...]:
-        """The six entries, as `information_at` takes them."""
-        return self.xx, self.xy, self.yy, self.xt, self.yt, self.tt
+    def fields(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """What `information_at` reads."""
+        return self.nearest, self.entries
+
+    @property
+    def weak(self) -> NDArray[np.float32]:
+        """The least information about the position of each cell, 1/m^2, shaped as `nearest`."""
+        return np.asarray(self.entries[self.nearest, 6])
 
     @property
     def lattice(self) -> tuple[float, float, float]:
@@ -269,15 +266,26 @@ def _along(ratio: Floats, radius: Floats) -> Floats:
 @kernel
 def information_at(x, y, theta, fields, left, low, inverse, out):
     """Write the information matrix at a pose to `out`, shape (3, 3)."""
-    xx, xy, yy, xt, yt, tt = fields
-    u, v = (x - left) * inverse, (y - low) * inverse
-    w = theta * xx.shape[2] / (2.0 * math.pi)
-    out[0, 0], out[1, 1], out[2, 2] = (
-        value_at(u, v, w, xx), value_at(u, v, w, yy), value_at(u, v, w, tt)
-    )  # fmt: skip
-    out[0, 1] = out[1, 0] = value_at(u, v, w, xy)
-    out[0, 2] = out[2, 0] = value_at(u, v, w, xt)
-    out[1, 2] = out[2, 1] = value_at(u, v, w, yt)
+    nearest, entries = fields
+    rows, columns, headings = nearest.shape
+    c, a = corner((x - left) * inverse, columns)
+    r, b = corner((y - low) * inverse, rows)
+    c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    w = theta * headings / (2.0 * math.pi)
+    turn = math.floor(w)
+    share = w - turn
+    out[:] = 0.0
+    for side in range(2 if headings > 1 else 1):
+        t = (int(turn) + side) % headings
+        weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
+        here, right = entries[nearest[r, c, t]], entries[nearest[r, c1, t]]
+        above, across = entries[nearest[r1, c, t]], entries[nearest[r1, c1, t]]
+        k = 0
+        for j in range(3):
+            for i in range(j + 1):
+                out[i, j] += weight * bilinear(here[k], right[k], above[k], across[k], a, b)
+                k += 1
+    out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
 
 
 @kernel

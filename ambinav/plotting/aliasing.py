@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.colors import to_rgb
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
-from ambinav.plotting.floor import Bounds, FloorFigure, label_points
+from ambinav.plotting.floor import Bounds, FloorFigure, Pixels, label_points, rgba_bytes
 
 DARK, PALE = 0.6, 0.25
 """Share of the colour in a place, and in what it is aliased with."""
@@ -62,7 +62,7 @@ def plot_aliasing(
     """
     floor = FloorFigure(amap, None, "Perceptual aliasing: regions with the same scans")
     free = amap.dataset["free"].values[..., np.newaxis]
-    picture = np.where(free, to_rgba(style.FLOOR), 0.0)
+    picture = np.where(free, rgba_bytes(style.FLOOR), np.uint8(0))
     parts = amap.judged if parts is None else parts
     floor.paint_parts(picture, parts)
     letters = list(dict.fromkeys(pair.letter for pair in pairs))
@@ -143,7 +143,7 @@ def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> NDAr
 
 
 def _paint(
-    picture: NDArray[np.float64],
+    picture: Pixels,
     amap: AmbiguityMap,
     counted: NDArray[np.bool_],
     points: NDArray[np.float64],
@@ -156,4 +156,4 @@ def _paint(
     near, _ = cKDTree(points).query(cells)
     # Half the diagonal of a lattice's cell, and a little for aliased poses that lie farther apart.
     held = near <= 0.75 * spacing
-    picture[rows[held], columns[held], :3] = colour
+    picture[rows[held], columns[held]] = rgba_bytes(colour)

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, area_text, colour_patch, label_points
+from ambinav.plotting.floor import FloorFigure, area_text, colour_patch, label_points, rgba_bytes
 from ambinav.runtime.errors import InputError
 
 
@@ -60,9 +59,9 @@ def plot_components(
         (style.FLOOR, "reachable from neither", fits & ~from_start & ~from_goal),
         (style.UNREACHABLE, "no room for the robot", free & (labels < 0)),
     ]
-    picture = np.zeros((*free.shape, 4))
+    picture = np.zeros((*free.shape, 4), dtype=np.uint8)
     for colour, _, cells in entries:
-        picture[cells] = to_rgba(colour)
+        picture[cells] = rgba_bytes(colour)
     building = amap.dataset.attrs["environment"]
     title = title or f"No path from start to goal in {building}"
     floor = FloorFigure(amap, ax, title)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from ambinav.plotting.floor import (
     FloorFigure,
     colour_patch,
     label_points,
+    rgba_bytes,
     unexplored_patch,
     view,
 )
@@ -96,11 +97,11 @@ def plot_difference(
         if axes is panels[1]:
             floor.legend(_zone_legend(first, second, parts), below=True)
     floor = FloorFigure(second, panels[2], "Change of the level", bounds=bounds, longest=inches)
-    tints = np.zeros((*change.rise.shape, 4))
+    tints = np.zeros((*change.rise.shape, 4), dtype=np.uint8)
     for mask, colour in (
         (change.new_floor, style.NEW_FLOOR), (change.gone_floor, style.GONE_FLOOR)
     ):  # fmt: skip
-        tints[mask] = to_rgba(colour)
+        tints[mask] = rgba_bytes(colour)
     floor.paint(tints, change.bounds)
     known = np.abs(change.rise[np.isfinite(change.rise)])
     most = max(float(known.max(initial=0.0)), LEAST_SCALE)

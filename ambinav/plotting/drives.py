@@ -14,7 +14,7 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm, to_rgba
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -26,7 +26,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import FloorFigure, label_points, view
+from ambinav.plotting.floor import FloorFigure, label_points, rgba_bytes, view
 from ambinav.plotting.routes import route_line, route_styles
 from ambinav.routes.files import trace_route
 from ambinav.routes.route import Route
@@ -114,7 +114,9 @@ def plot_spread(
     grid = figure.subplots(rows, columns, squeeze=False)
     floors = grid.ravel().tolist()
     norm = LogNorm(*SCALE)
-    free = np.where(amap.dataset["free"].values[..., np.newaxis], to_rgba(style.FLOOR), 0.0)
+    free = np.where(
+        amap.dataset["free"].values[..., np.newaxis], rgba_bytes(style.FLOOR), np.uint8(0)
+    )
     for number, (axes, route) in enumerate(zip(floors, driven, strict=False)):
         name = route.title(max(16, int(PANEL * 11.0)) - 34)
         floor = FloorFigure(amap, axes, name, longest=PANEL, scale_bar=False)

@@ -34,6 +34,7 @@ from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
 
 Bounds = tuple[float, float, float, float]
+Pixels = NDArray[np.uint8]
 Heading = str | float
 
 LONGEST: Final = 12.0
@@ -96,7 +97,6 @@ class FloorFigure:
         self.axes = ax
         self._font = 11 if longest > SMALL else 9
         self._coordinates(width, height)
-        ax.apply_aspect()
         size = ax.get_window_extent().width * 72.0 / root_figure(ax).dpi
         self._lower = _LINE if size < _NARROW else 0.0
         self._drops = {True: 0.0, False: _BELOW + self._lower if scale_bar else _BAR}
@@ -107,30 +107,30 @@ class FloorFigure:
         ax.set_title(title, fontsize=self._font + 2, loc="left")
 
     def paint(self, values: NDArray[Any], bounds: Bounds | None = None, **scale: Any) -> AxesImage:
-        """Draw values (ny, nx), or colours (ny, nx, 4), over the map's cells, or bounds."""
+        """Draw values (ny, nx), or colours in bytes (ny, nx, 4), over the map's cells, or bounds.
+
+        Colours as floats would take eight times the memory, and longer.
+        """
         xmin, ymin, xmax, ymax = bounds or self.amap.bounds
-        if values.ndim == 3 and values.dtype.kind == "f":
-            # Bytes are drawn faster.
-            values = np.rint(255.0 * values).astype(np.uint8)
         return self._image(values, (xmin, xmax, ymin, ymax), _CELLS, **scale)
 
-    def paint_parts(self, picture: NDArray[np.float64], parts: JudgedFloor) -> None:
+    def paint_parts(self, picture: Pixels, parts: JudgedFloor) -> None:
         """Draw stripes over unexplored floor and greys over unreached or outside floor.
 
         Args:
             picture: Colours of the cells, shape (ny, nx, 4), changed in place.
             parts: Masks of the parts of the floor.
         """
-        picture[parts.unreachable] = to_rgba(style.UNREACHABLE)
-        picture[parts.outside] = to_rgba(style.UNKNOWN)
+        picture[parts.unreachable] = rgba_bytes(style.UNREACHABLE)
+        picture[parts.outside] = rgba_bytes(style.UNKNOWN)
         xmin, ymin, xmax, ymax = self.bounds
         size = max(xmax - xmin, ymax - ymin)
         half = max(round(0.5 * size / _STRIPES / self.amap.spacing), _HALF_CELLS)
-        row, column = np.indices(parts.unexplored.shape)
+        row, column = np.nonzero(parts.unexplored)
         # At an angle of 45 degrees, as the hatching of the legend.
         dark = (column - row) % (2 * half) < half
-        picture[parts.unexplored & dark] = to_rgba(style.UNEXPLORED)
-        picture[parts.unexplored & ~dark] = to_rgba(style.UNKNOWN)
+        stripes = np.array([rgba_bytes(style.UNKNOWN), rgba_bytes(style.UNEXPLORED)])
+        picture[row, column] = stripes[dark.astype(np.int64)]
 
     def strokes(self, heading: Heading, parts: JudgedFloor) -> None:
         """Draw the weak direction, where the floor counts."""
@@ -229,7 +229,8 @@ class FloorFigure:
             columns = -(-len(handles) // rows)
             # Matplotlib fills columns first, but readers read rows.
             ordered = [handle for first in range(columns) for handle in handles[first::columns]]
-            labels = [str(handle.get_label()) for handle in ordered]
+            # A dollar sign is no formula.
+            labels = [str(handle.get_label()).replace("$", r"\$") for handle in ordered]
             legend = Legend(self.axes, ordered, labels, ncols=columns, **look)
             box = legend.get_window_extent()
             if box.width <= room:
@@ -268,9 +269,18 @@ class FloorFigure:
         axes.set_ylim(self.bounds[1], self.bounds[3])
         axes.set_autoscale_on(False)
         axes.set_facecolor(self._unknown)
+        axes.apply_aspect()
+        # Metres that a number of the ticks takes up, a letter high.
+        letter = self._font * root_figure(axes).dpi / 72.0 * width / axes.get_window_extent().width
         step = round_length(0.5 * max(width, height))
-        for axis, name, size in ((axes.xaxis, "x", width), (axes.yaxis, "y", height)):
-            axis.set_major_locator(MultipleLocator(min(step, round_length(2.0 * size))))
+        for axis, name, size, letters in (
+            (axes.xaxis, "x", width, 3.0), (axes.yaxis, "y", height, 1.5)
+        ):  # fmt: skip
+            apart = min(step, round_length(2.0 * size))
+            if apart < letters * letter:
+                # The next round length, at most 2.5 times as long.
+                apart = round_length(10.0 * letters * letter)
+            axis.set_major_locator(MultipleLocator(apart))
             axis.set_label_text(f"{name} (m)", fontsize=self._font - 1)
         axes.tick_params(labelsize=self._font - 2, color="#888888", width=0.6)
         axes.spines[:].set(color="#888888", linewidth=0.6)
@@ -278,23 +288,23 @@ class FloorFigure:
     def _backdrop(self) -> None:
         """Fill cells that are not free, below everything else: solid and unknown ones."""
         padding = 3 + max(self.amap.solid.shape) // 50
-        solid = padded_solid(self.amap, padding)
         step, (left, low, *_) = self.amap.spacing, self.amap.bounds
         left, low = left - padding * step, low - padding * step
         # Only the shown part: pictures of places show little of a large building.
         spans = []
         for begin, end, size, origin in (
-            (self.bounds[1], self.bounds[3], solid.shape[0], low),
-            (self.bounds[0], self.bounds[2], solid.shape[1], left),
+            (self.bounds[1], self.bounds[3], self.amap.solid.shape[0] + 2 * padding, low),
+            (self.bounds[0], self.bounds[2], self.amap.solid.shape[1] + 2 * padding, left),
         ):
             first = min(max(math.floor((begin - origin) / step) - 1, 0), size - 1)
             last = max(min(math.ceil((end - origin) / step) + 1, size), first + 1)
             spans.append((first, last))
         (bottom, top), (west, east) = spans
-        if not solid[bottom:top, west:east].any():
+        solid = padded_solid(self.amap, padding, spans[0], spans[1])
+        if not solid.any():
             return
-        colours = np.rint(255 * np.array([to_rgba(self._unknown), to_rgba(style.SOLID)]))
-        picture = colours.astype(np.uint8)[solid[bottom:top, west:east].astype(np.uint8)]
+        colours = np.array([rgba_bytes(self._unknown), rgba_bytes(style.SOLID)])
+        picture = colours[solid.astype(np.uint8)]
         extent = (
             left + west * step, left + east * step, low + bottom * step, low + top * step
         )  # fmt: skip
@@ -362,6 +372,11 @@ class FloorFigure:
         )
 
 
+def rgba_bytes(colour: str | tuple[float, float, float]) -> Pixels:
+    """Return a colour as red, green, blue and opacity, a byte each."""
+    return np.rint(255.0 * np.array(to_rgba(colour))).astype(np.uint8)
+
+
 def view(amap: AmbiguityMap) -> Bounds:
     """Return the bounds of the free cells with a small margin; unknown cells may surround them."""
     free = amap.dataset["free"].values
@@ -376,18 +391,35 @@ def view(amap: AmbiguityMap) -> Bounds:
     )  # fmt: skip
 
 
-def padded_solid(amap: AmbiguityMap, padding: int) -> NDArray[np.bool_]:
-    """Return the mask of solid cells, padded by a margin on each side.
+def padded_solid(
+    amap: AmbiguityMap, padding: int, rows: tuple[int, int], columns: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return a part of the mask of solid cells, padded by a margin on each side.
 
     Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at
     its outline, and an obstacle that stands there ends with it.
+
+    Args:
+        amap: The map.
+        padding: Cells of the margin.
+        rows: The first row of the part, and one past the last; row 0 is the lowest of the margin.
+        columns: The same of the columns.
     """
-    solid = np.zeros(np.add(amap.solid.shape, 2 * padding), dtype=np.bool_)
-    if amap.dataset.attrs.get("environment_resolution", "null") != "null":
-        blocks = ndimage.binary_opening(amap.solid, np.ones((_THICK, _THICK)))
-        solid = np.pad(blocks, padding, mode="edge")
-    solid[padding:-padding, padding:-padding] = amap.solid
-    return solid
+    spans = [np.arange(*span) - padding for span in (rows, columns)]
+    nearest, inside, cut = [], [], []
+    for span, size in zip(spans, amap.solid.shape, strict=True):
+        held = np.clip(span, 0, size - 1)
+        # Whether a cell is of a block depends on those around it.
+        first = max(int(held[0]) - _THICK, 0)
+        cut.append(slice(first, int(held[-1]) + _THICK + 1))
+        nearest.append(held - first)
+        inside.append(held == span)
+    part = amap.solid[cut[0], cut[1]]
+    here = np.asarray(part[np.ix_(*nearest)] & np.logical_and.outer(*inside))
+    if amap.dataset.attrs.get("environment_resolution", "null") == "null":
+        return here
+    blocks = ndimage.binary_opening(part, np.ones((_THICK, _THICK)))
+    return np.asarray(here | blocks[np.ix_(*nearest)])
 
 
 def label_points(

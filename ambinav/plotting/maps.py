@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
@@ -17,7 +16,14 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting import style
-from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
+from ambinav.plotting.floor import (
+    LONGEST,
+    FloorFigure,
+    Heading,
+    area_text,
+    colour_patch,
+    rgba_bytes,
+)
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
 from ambinav.runtime.errors import InputError
@@ -111,7 +117,7 @@ def plot_layer(
         floor.strokes(heading, amap.judged if parts is None else parts)
     floor.colour_bar(image, label if scale.unit in ("", "1") else f"{label} ({scale.unit})")
     if parts is not None:
-        others = np.zeros((*values.shape, 4))
+        others = np.zeros((*values.shape, 4), dtype=np.uint8)
         floor.paint_parts(others, parts)
         floor.paint(others)
         floor.legend(floor.part_patches(parts) + floor.outside_patches(), below=True)
@@ -132,7 +138,7 @@ def paint_codes(
     floor: FloorFigure, code: NDArray[np.uint8], colours: Sequence[str], parts: JudgedFloor
 ) -> None:
     """Draw codes, shape (ny, nx), each in its colour; `NOT_FREE` is left out."""
-    palette = np.array([*map(to_rgba, colours), (0.0, 0.0, 0.0, 0.0)])
+    palette = np.array([*map(rgba_bytes, colours), np.zeros(4, dtype=np.uint8)])
     picture = palette[np.where(code == NOT_FREE, len(colours), code)]
     floor.paint_parts(picture, parts)
     floor.paint(picture)

@@ -31,12 +31,10 @@ SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.inf, math.radians(30.0)
 
 def field_of(matrices: Floats, spacing: float = 0.1) -> InformationField:
     """A field of information matrices, (rows, columns, 3, 3), from x = y = 0 on."""
-
-    def part(i: int, j: int) -> NDArray[np.float32]:
-        return np.ascontiguousarray(matrices[:, :, i, j, np.newaxis], dtype=np.float32)
-
-    entries = [part(*ij) for ij in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
-    return InformationField(*entries, part(0, 0), (0.0, 0.0), spacing)
+    which = (0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2), (0, 0)
+    entries = np.column_stack([matrices[:, :, i, j].ravel() for i, j in which])
+    nearest = np.arange(len(entries), dtype=np.int32).reshape(*matrices.shape[:2], 1)
+    return InformationField(nearest, entries.astype(np.float32), (0.0, 0.0), spacing)
 
 
 def even_field(matrix: Floats, size: int = 120) -> InformationField:

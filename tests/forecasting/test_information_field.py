@@ -203,8 +203,9 @@ def test_thinned_beams_tell_as_much_as_all(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(module, "BEAMS_A_CELL", 10**9)
     whole = InformationField.of(AmbiguityMap(data))
     # At the rim of what is in range a single beam may make the difference.
-    some = data["free"].values[..., None] & (whole.tt > 0.01 * whole.tt.max())
-    ratio = thinned.tt[some] / whole.tt[some]
+    turn = whole.entries[whole.nearest, 5]
+    some = data["free"].values[..., None] & (turn > 0.01 * turn.max())
+    ratio = thinned.entries[thinned.nearest, 5][some] / turn[some]
     assert 0.98 < np.median(ratio) < 1.02
     assert np.quantile(np.abs(np.log(ratio)), 0.9) < 0.2
     assert (ratio != 1.0).any()

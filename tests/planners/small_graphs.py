@@ -83,8 +83,9 @@ def information_of(matrices: NDArray[np.float64], spacing: float) -> Information
     position = matrices[..., :2, :2] - _shadow(matrices)
     parts = [matrices[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
     parts.append(np.linalg.eigvalsh(position)[..., 0].clip(0.0))
-    fields = [np.ascontiguousarray(v[..., np.newaxis], dtype=np.float32) for v in parts]
-    return InformationField(*fields, (0.0, 0.0), spacing)
+    entries = np.column_stack([values.ravel() for values in parts]).astype(np.float32)
+    nearest = np.arange(len(entries), dtype=np.int32).reshape(*matrices.shape[:2], 1)
+    return InformationField(nearest, entries, (0.0, 0.0), spacing)
 
 
 def _shadow(matrices: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ def test_the_same_picture_is_the_same_file(tmp_path: Path, suffix: str) -> None:
 
 
 def test_dollar_signs_in_names_are_no_formula(tmp_path: Path) -> None:
-    """The one is no formula at all, and that of the axis stays one when it is saved twice."""
+    """Ticks of a logarithmic axis are formulas, also when the figure is saved again."""
     figure = new_figure(3, 2)
     axes = figure.subplots()
     axes.loglog([1, 1000], [1, 1000])

@@ -175,6 +175,10 @@ def test_an_obstacle_at_the_edge_of_a_plan_ends_there() -> None:
             RangeSensor(max_range=3.0, std=0.02, resolution=0.01), 12, math.tau
         )
         amap = build_map(env, scanner, spacing=0.1)
-        solid = padded_solid(amap, 5)
+        rows, columns = (size + 10 for size in amap.solid.shape)
+        solid = padded_solid(amap, 5, (0, rows), (0, columns))
         assert solid[5:20, 5:-5].any()
         assert solid[:5].any() == goes_on
+        for low, left in ((0, 0), (3, 20), (12, 30), (rows - 9, columns - 9)):
+            part = padded_solid(amap, 5, (low, low + 9), (left, left + 9))
+            assert np.array_equal(part, solid[low : low + 9, left : left + 9])

@@ -93,6 +93,12 @@ def test_legend_tells_length_cost_and_metres_in_each_bad_zone(amap, routes):
     )
 
 
+def test_dollar_signs_in_a_route_s_name_are_shown(amap, routes):
+    figure = plot_routes(amap, {r"$\hall$": routes["shortest"]})
+    figure.canvas.draw()
+    assert any(text.startswith(r"\$\hall\$") for text in texts(figure))
+
+
 def test_a_kind_of_route_has_one_colour(amap, routes):
     shortest = route_through(amap, (1, 2), (17, 2.2), (24, 8), weight=0.0)
     for named in (

@@ -276,6 +276,37 @@ def test_an_audit_that_fails_says_why_and_names_no_folder(
 
 
 @pytest.mark.slow
+def test_a_plan_s_level_and_unit_are_fields(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live: Live = serve([corridor])
+
+    def feature(size: int, level: str) -> dict[str, Any]:
+        ring = [[0, 0], [size, 0], [size, size], [0, size], [0, 0]]
+        geometry = {"type": "Polygon", "coordinates": [ring]}
+        return {"type": "Feature", "properties": {"level": level}, "geometry": geometry}
+
+    def ended(**fields: str) -> tuple[str, dict[str, Any]]:
+        answer = live.http.post(
+            "/v1/audits",
+            files=[("files", ("house.geojson", plan))],
+            data={"scanner": "sick-lms200", "spacing": "0.5", **fields},
+        )
+        assert answer.status_code == 202, answer.text
+        return events(live.http.get(f"{answer.headers['location']}/events").text)[-1]
+
+    floors = [feature(3000, "0"), feature(6000, "1")]
+    plan = json.dumps({"type": "FeatureCollection", "features": floors}).encode()
+    name, data = ended(unit="mm")
+    assert name == "failed" and "choose one with the field level" in data["detail"]
+    assert "--" not in data["detail"]
+    name, data = ended(unit="mm", level="1")
+    assert name == "done"
+    assert live.get(f"/v1/maps/{data['map']}")["bounds"][2] == pytest.approx(6.0, abs=0.5)
+    bad = {"scanner": "sick-lms200", "unit": "furlong"}
+    answer = live.http.post("/v1/audits", files=[("files", ("a.wkt", b"x"))], data=bad)
+    assert answer.status_code == 422
+
+
+@pytest.mark.slow
 def test_an_audit_is_ended_when_it_is_deleted(serve: Any, corridor: an.AmbiguityMap) -> None:
     live: Live = serve([corridor])
     plan = b'{"type": "Polygon", "coordinates": [[[0,0],[60,0],[60,60],[0,60],[0,0]]]}'

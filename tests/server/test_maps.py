@@ -14,6 +14,7 @@ import pytest
 import shapely
 
 import ambinav as an
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.runtime.errors import InputError
 from ambinav.server.http.context import Context
@@ -124,6 +125,7 @@ def test_worst_places_are_those_of_the_audit(live: Live, corridor: an.AmbiguityM
 
 def test_zones_cover_the_floor(live: Live, corridor: an.AmbiguityMap) -> None:
     found = live.get("/v1/maps/map/zones.geojson")
+    assert MAP_FRAME.items() <= found.items()
     whole = shapely.from_geojson(live.http.get("/v1/maps/map/zones.geojson").text)
     assert whole.is_valid
     areas = {one["properties"]["zone"]: one["properties"]["area_m2"] for one in found["features"]}

@@ -42,8 +42,15 @@ def check_axis(path: Path, up: str | None) -> None:
 
 
 def turned_up(values: NDArray[Number], up: str) -> NDArray[Number]:
-    """Reorder columns x, y, z, shape (N, 3), so that `up` becomes z; keep their cyclic order."""
-    return np.roll(values, 2 - AXES.index(up), axis=1)
+    """Turn columns x, y, z, shape (N, 3), so that `up` becomes z.
+
+    With y up, as in glTF 2.0 (section 3.4) and as other programs read it, x stays and z points
+    back; with x up the cyclic order stays. Whole numbers count cells, whose lower sides they are.
+    """
+    if up != "y":
+        return np.roll(values, 2 - AXES.index(up), axis=1)
+    x, y, z = values.T
+    return np.column_stack([x, ~z if values.dtype.kind == "i" else -z, y])
 
 
 def check_size(path: Path, what: str, size: NDArray[np.float64]) -> None:

@@ -38,8 +38,8 @@ LATERAL: Final = (0.25, 0.30)
 LEVELS: Final = ("ok", "warning", "error")
 CAUSES: Final = ("long axis and across the heading", "long axis", "across the heading")
 LEAST_RADIUS: Final = 1.2
-"""Metres: a map knows deviations up to half of its neighbourhood's radius, and 3 of those must
-reach the error of the long axis with a margin for the cells."""
+"""Metres: on open floor a map's deviations end at half of its neighbourhood's radius (in a corridor
+at 0.58 of it), and 3 of those must reach the error of the long axis with a margin for the cells."""
 
 Floats = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArra
 
 
 def _check_radius(amap: AmbiguityMap) -> None:
-    """Check that a map's radius is large enough for deviations at the thresholds.
+    """Check that a map's radius is large enough for deviations at the thresholds, on all floor.
 
     Raises:
         InputError: its neighbourhood is too small.
@@ -155,8 +155,8 @@ def _check_radius(amap: AmbiguityMap) -> None:
     if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
         given = "?" if radius is None else f"{radius:g}"
         raise InputError(
-            f"{amap.source}: radius is {given} m, within which no deviation reaches Autoware's "
-            f"threshold of {LONG[1]:g} m at 3 sigma; make the map with "
+            f"{amap.source}: radius is {given} m, and on open floor 3 sigma end at 1.5 times that, "
+            f"too near to Autoware's threshold of {LONG[1]:g} m; make the map with "
             f"`ambinav map ... --ambiguity-radius {LEAST_RADIUS:g}` or more."
         )
 

@@ -90,6 +90,14 @@ async def post_audit(
     headings: Annotated[
         int | None, Form(description="Number of headings; none: the scanner decides", ge=1, le=360)
     ] = None,
+    level: Annotated[
+        str | None,
+        Form(description="Floor of a plan with several, by name or position from 0 on"),
+    ] = None,
+    unit: Annotated[
+        Literal["m", "cm", "mm", "in", "ft"] | None,
+        Form(description="Unit of a plan's coordinates; none: metres"),
+    ] = None,
 ) -> Response:
     """Start the audit of an uploaded map; `events` reports its progress.
 
@@ -99,7 +107,7 @@ async def post_audit(
     context = context_of(request)
     chosen = await context.in_thread(_scanner, scanner, context.limits.audit_beams)
     audit = await context.audits.begin(
-        files, chosen, spacing, radius, headings, client_of(request.scope)
+        files, chosen, spacing, radius, headings, client_of(request.scope), level=level, unit=unit
     )
     info = as_json(_info(audit, context.prefix), 202)
     info.headers["location"] = f"{context.prefix}/v1/audits/{audit.id}"

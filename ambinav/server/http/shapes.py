@@ -13,6 +13,7 @@ from shapely.geometry import mapping
 from starlette.responses import Response
 
 from ambinav.export.raster import Raster
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.server.http.context import Context, context_of
@@ -78,7 +79,7 @@ def _zones(context: Context, served: ServedMap) -> bytes:
             features.append(
                 {"type": "Feature", "properties": properties, "geometry": mapping(area)}
             )
-    return to_json({"type": "FeatureCollection", "features": features})
+    return to_json({"type": "FeatureCollection", **MAP_FRAME, "features": features})
 
 
 @router.get(
@@ -115,7 +116,7 @@ def _walls(served: ServedMap) -> bytes:
         if lines:
             geometry = {"type": "MultiLineString", "coordinates": lines}
             features.append({"type": "Feature", "properties": {"kind": kind}, "geometry": geometry})
-    return to_json({"type": "FeatureCollection", "features": features})
+    return to_json({"type": "FeatureCollection", **MAP_FRAME, "features": features})
 
 
 @router.get(

@@ -133,6 +133,9 @@ class Audits:
         radius: float,
         headings: int | None,
         client: str,
+        *,
+        level: str | None = None,
+        unit: str | None = None,
     ) -> Audit:
         """Store an upload and start its audit.
 
@@ -165,6 +168,8 @@ class Audits:
                 radius=radius,
                 headings=headings,
                 cells=limits.audit_cells,
+                level=level,
+                unit=unit,
             )
             self._forget_old()
             kept = {**asdict(task), "folder": folder.name, "client": client}

@@ -7,6 +7,7 @@ import errno
 import math
 import multiprocessing
 import os
+import re
 import signal
 import threading
 import time
@@ -93,6 +94,8 @@ class AuditTask:
         radius: Radius of its neighbourhoods, metres.
         headings: How many; None: the scanner decides.
         cells: Maximum number of cells, over all headings.
+        level: Floor of a plan that holds several, by name or position; None: there is one.
+        unit: Unit of a plan's coordinates; None: metres.
     """
 
     folder: str
@@ -103,6 +106,8 @@ class AuditTask:
     radius: float
     headings: int | None
     cells: int
+    level: str | None = None
+    unit: str | None = None
 
 
 @dataclass(frozen=True)
@@ -350,7 +355,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     scanner = RangeScanner.from_yaml_text(task.scanner, file="scanner")
     report("read", 0.0)
     try:
-        environment = load_environment(folder / task.map_name)
+        environment = load_environment(folder / task.map_name, level=task.level, unit=task.unit)
         # Do not reveal the folder of uploads.
         environment.name, environment.source = task.title, Path(task.map_name)
         environment.notes = tuple(_without_folder(folder, note) for note in environment.notes)
@@ -369,7 +374,9 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         result = audit(amap, environment, scanner)
         write_audit(advise(result), folder / "report", progress=lambda done: report("report", done))
     except InputError as error:
-        raise InputError(_without_folder(folder, str(error))) from None
+        message = _without_folder(folder, str(error))
+        # What are options of a command line are fields here.
+        raise InputError(re.sub(r"--(level|unit)\b", r"the field \1", message)) from None
     write_dataset(amap.dataset, folder / "map.npz")
 
 

@@ -125,13 +125,13 @@ def decide(
 
 def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     """Return the counterfactual of the placed posts; empty if no post was placed."""
-    if helps.remedy is None or helps.after is None or not helps.remedy.placement.placed:
+    if helps.remedy is None or not helps.left:
         return []
     count = len(helps.remedy.placement.placed)
     where = ", ".join(
         "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.remedy.placement.placed
     )
-    after = Interval(helps.after, helps.after, helps.after, 0)
+    after = Interval(helps.left[-1], helps.left[-1], helps.left[-1], 0)
     title = f"Place {count} post{'s' if count > 1 else ''}"
     detail = f"At x, y = {where} m."
     return [Counterfactual("building", title, detail, before, after, helps.improved)]
@@ -165,7 +165,8 @@ def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) ->
         "removes a tenth of it"
     )
     if best is None or best.removed <= 0.0:
-        return f"{sentence}: plan around it, or use another kind of sensor."
+        around = "" if any(change.kind == "routes" for change in tried) else "plan around it, or "
+        return f"{sentence}: {around}use another kind of sensor."
     return (
         f"{sentence}; the best one is to {best.title[0].lower()}{best.title[1:]}, which leaves "
         + (f"{_area_text(best.after)}.")

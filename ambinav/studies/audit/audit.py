@@ -242,7 +242,11 @@ def percent(share: float) -> str:
 
 
 def metres2(area: float) -> str:
-    """Format an area in square metres with a suitable number of digits."""
+    """Format an area in square metres with a suitable number of digits.
+
+    It is rounded as in documents first: what they keep, and what is not kept yet, read the same.
+    """
+    area = round(area, 2)
     return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
 
 

@@ -13,16 +13,20 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from ambinav.maps import schema
 from ambinav.runtime.processes import begin_worker, putting_signals_off
 
 if TYPE_CHECKING:
     from ambinav.studies.audit.audit import Audit
 
+NOT_DRAWN: Final = ("ambiguity", "major_radius", "minor_radius")
+"""Layers that no picture shows; with their means they take 40 % of a map with headings."""
 Draw = Callable[["Audit", Path, Callable[[float], None] | None, str], None]
 """Draws as `ambinav.studies.audit.pictures.save_pictures` does."""
 
@@ -88,7 +92,12 @@ class DrawingProcess:
             RuntimeError: it failed otherwise, or was killed.
         """
         # Only the floor of a three-dimensional building is drawn; its many triangles are dropped.
-        drawn = replace(audit, environment=audit.amap.environment)
+        amap = copy(audit.amap)
+        names = (str(name) for name in amap.dataset.variables)
+        amap.dataset = amap.dataset.drop_vars(
+            [name for name in names if schema.base_name(name) in NOT_DRAWN]
+        )
+        drawn = replace(audit, amap=amap, environment=amap.environment)
         try:
             self._line.send((drawn, folder, image_format))
             while isinstance(answer := self._line.recv(), float):

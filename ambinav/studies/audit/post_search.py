@@ -22,7 +22,7 @@ class PostSearch:
         rules: Kind of the posts and rules for their positions.
         remedy: The placed posts; None: none can be placed, or none was tried.
         reason: The reason, in a sentence; otherwise empty.
-        after: Bad floor with all of them, square metres, by a whole map; None: not known.
+        left: Bad floor after each of them, square metres, by a whole map.
         improved: Where most floor becomes good.
     """
 
@@ -30,7 +30,7 @@ class PostSearch:
     rules: PlaceRules
     remedy: Remedy | None
     reason: str
-    after: float | None = None
+    left: tuple[float, ...] = ()
     improved: tuple[ImprovedPlace, ...] = ()
 
 
@@ -45,10 +45,11 @@ class PostsPart(Part):
         description="area of bad floor without posts; null: not known"
     )
     after_m2: SquareMetres | None = Field(
-        description="area of bad floor with all of them, from a full map"
+        description="area of bad floor with all of them, from a full map; null: there are none"
     )
     posts: tuple[ObstaclePart, ...] = Field(
-        description="posts in the order of their selection; areas in m2"
+        description="posts in the order of their selection; areas in m2, from full maps, but that "
+        "of each alone, which is estimated from some places"
     )
     reason: str = Field(description="reason if there are fewer than requested; otherwise empty")
 
@@ -64,7 +65,7 @@ def posts_part(helps: PostSearch) -> PostsPart:
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,
         before_m2=None if placed_posts is None else placed_posts.placement.before.bad,
-        after_m2=helps.after,
-        posts=() if placed_posts is None else obstacle_parts(placed_posts),
+        after_m2=helps.left[-1] if helps.left else None,
+        posts=() if placed_posts is None else obstacle_parts(placed_posts, helps.left),
         reason=reason,
     )

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.buildings.polygons import load_polygons
+from ambinav.buildings.polygons import load_region
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
-from ambinav.geometry.segments import FRONTIER
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 
@@ -153,13 +152,9 @@ class Region:
         """Return the floor within the polygons of a GeoJSON or WKT file, map frame, metres.
 
         Raises:
-            InputError: the file cannot be read, or holds no polygon.
+            InputError: the file cannot be read, or holds anything but polygons.
         """
-        drawn = load_polygons(path)
-        # In a file without rooms the bounds are the free space, and their edge is a frontier.
-        if (drawn.segments.kind == FRONTIER).any():
-            raise InputError(f"{path}: it holds no polygon; draw the region as one.")
-        return cls.of_polygon(drawn.free, str(path))
+        return cls.of_polygon(load_region(path), str(path))
 
     @classmethod
     def of_route(cls, route: Route, title: str = "a route") -> Region:

@@ -25,6 +25,7 @@ from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual, as
 from ambinav.studies.audit.counterfactual.trips import find_trips
 from ambinav.studies.audit.document import document
 from ambinav.studies.audit.figures import QUANTITIES, gate_of
+from ambinav.studies.audit.post_search import posts_part
 from ambinav.studies.audit.report import write_audit
 from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.design.improved import most_improved
@@ -243,7 +244,6 @@ def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) ->
         np.random.default_rng(0),
     )  # fmt: skip
     assert helps.remedy is not None
-    assert helps.after is not None
     placed = helps.remedy.placement.placed
     assert placed
     passage = 4.0 * racks.reach.radius + 0.5
@@ -255,11 +255,21 @@ def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) ->
         assert shapely.distance(outline, paths) >= passage / 2 - 1e-6
         if not one.candidate.on_wall:
             assert shapely.distance(outline, walls) >= passage - 2e-3
-    edited = racks.environment.edited(add=[one.candidate.obstacle for one in placed])
-    rebuilt = an.build_map(edited, racks.scanner, spacing=SPACING)
     bad = np.isin(racks.amap.floor("zone").values, BAD) & racks.parts.counted
-    still = bad & ~np.isin(rebuilt.floor("zone").values, (0, 1))
-    assert helps.after == pytest.approx(float(still.sum()) * racks.amap.cell_area)
+    left = [float(bad.sum()) * racks.amap.cell_area]
+    for count in range(1, len(placed) + 1):
+        obstacles = [one.candidate.obstacle for one in placed[:count]]
+        rebuilt = an.build_map(
+            racks.environment.edited(add=obstacles), racks.scanner, spacing=SPACING
+        )
+        still = bad & ~np.isin(rebuilt.floor("zone").values, (0, 1))
+        left.append(float(still.sum()) * racks.amap.cell_area)
+    assert helps.left == pytest.approx(left[1:])
+    # What is said of each is of whole maps too.
+    said = posts_part(helps)
+    assert [post.left for post in said.posts] == pytest.approx(left[1:], abs=0.01)
+    assert [post.gain for post in said.posts] == pytest.approx(-np.diff(left), abs=0.01)
+    assert said.after_m2 == pytest.approx(left[-1], abs=0.01)
 
 
 @pytest.mark.slow

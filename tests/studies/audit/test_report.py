@@ -183,6 +183,8 @@ def test_summary_in_words(examined):
 def test_small_shares_are_not_nothing(share, text):
     assert percent(share) == text
     assert metres2(1234.5) == "1,234 m²"
+    # A sum of cells reads as what a document keeps of it.
+    assert metres2(75 * 0.3**2 - 1e-15) == metres2(6.75) == "6.8 m²"
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,35 @@ def test_a_polygon_is_read_from_a_file(lattice: Lattice, tmp_path: Path) -> None
 def test_a_file_without_polygons_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "zone.wkt"
     path.write_text("LINESTRING(0 0, 1 1)")
-    with pytest.raises(InputError, match="holds no polygon"):
+    with pytest.raises(InputError, match="it is a LineString; give polygons"):
         Region.of_file(path)
+    path = tmp_path / "zone.geojson"
+    path.write_text('{"type": "FeatureCollection", "features": []}')
+    with pytest.raises(InputError, match="it holds no polygon; draw one"):
+        Region.of_file(path)
+
+
+def test_polygons_of_a_file_add_up(tmp_path: Path) -> None:
+    """They are no plan: one within another is no obstacle, and none has a kind, level or unit."""
+    shapes = {
+        "outer": shapely.box(0.0, 0.0, 4.0, 4.0),
+        "nested": shapely.box(1.0, 1.0, 2.0, 2.0),
+        "crossing": shapely.box(3.0, 3.0, 5.0, 5.0),
+        "small and far": shapely.box(2000.0, 0.0, 2000.3, 0.4),
+    }
+    properties = ({"kind": "lane"}, {"level": "EG"}, {"level": "OG", "thickness": "x"}, None)
+    features = [
+        {"type": "Feature", "properties": each, "geometry": shapely.geometry.mapping(shape)}
+        for each, shape in zip(properties, shapes.values(), strict=True)
+    ]
+    drawn = tmp_path / "zones.geojson"
+    drawn.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    words = tmp_path / "zones.wkt"
+    words.write_text("\n".join(shape.wkt for shape in shapes.values()))
+    for path in (drawn, words):
+        shape = Region.of_file(path).shape
+        assert shape is not None
+        assert shape.area == pytest.approx(16.0 + 3.0 + 0.12)
 
 
 def test_a_route_counts_its_metres_at_its_headings(lattice: Lattice) -> None:

@@ -150,7 +150,8 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
 def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
     """Return another scanner where a scanner is mounted; as it is unless both are single fans.
 
-    One on the floor, whose file gives no height, is raised to the height of the first.
+    One that has a place of its own off the robot's centre stays there. One on the floor, whose file
+    gives no height, is raised to the height of the first.
     """
     height = float(scanner.upright[:, 0].min())
     if height > 0.0 >= other.upright[:, 0].min():
@@ -159,5 +160,7 @@ def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
         return other
     place, part = scanner.parts[0].layout, other.parts[0]
     if not (isinstance(place, Planar) and isinstance(part.layout, Planar)):
+        return other
+    if any(part.layout.mount[:2]):
         return other
     return replace(other, parts=(replace(part, layout=part.layout.moved(*place.mount[:2])),))

@@ -138,11 +138,14 @@ def find_posts(
     if not placement.placed:
         report(1.0)
         return PostSearch(count, rules, known, "")
-    improved = improved_floor(amap, known.after, amap.judged)
-    after = float((bad & ~improved).sum()) * amap.cell_area
+    after, left = amap, []
+    for chosen in range(1, len(placement.placed) + 1):
+        after = after.update(known.edited(chosen))
+        improved = improved_floor(amap, after, amap.judged)
+        left.append(float((bad & ~improved).sum()) * amap.cell_area)
     report(1.0)
     most = largest_places(amap, improved, amap.judged)
-    return PostSearch(count, rules, known, "", after, most)
+    return PostSearch(count, rules, known, "", tuple(left), most)
 
 
 def _part(report: Callable[[float], None]) -> Callable[[float], None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -200,16 +201,24 @@ def rules_part(rules: PlaceRules, candidates: int, environment: Environment) -> 
     )
 
 
-def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
-    """Return the placed obstacles in order."""
+def obstacle_parts(study: Remedy, left: Sequence[float] | None = None) -> tuple[ObstaclePart, ...]:
+    """Return the placed obstacles in order.
+
+    Args:
+        study: What was placed.
+        left: Bad floor left after each; None: as the placement has it.
+    """
+    if left is None:
+        left = [placed.after.bad for placed in study.placement.placed]
+    before = (study.placement.before.bad, *left)
     return tuple(
         ObstaclePart.of(
             placed.candidate,
             number=number,
             reflective=placed.candidate.obstacle.reflective,
             alone=placed.alone.bad,
-            gain=placed.gain.bad,
-            left=placed.after.bad,
+            gain=before[number - 1] - before[number],
+            left=before[number],
         )
         for number, placed in enumerate(study.placement.placed, start=1)
     )

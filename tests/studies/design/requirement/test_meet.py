@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,6 +208,19 @@ def test_a_second_scanner_looks_the_other_way() -> None:
     assert [option.change for option in options] == ["none", "mount", "scanner", "second-scanner"]
     both = options[-1].scanner
     np.testing.assert_allclose(np.unique(both.mounts[:, 0]), (-0.2, 0.2), atol=1e-9)
+
+
+def test_a_scanner_stands_where_its_file_mounts_it(tmp_path: Path) -> None:
+    ahead = an.RangeScanner.planar(SHORT.sensors[0], 20, np.pi, mount=(0.2, 0.0, 0.0), name="ahead")
+    listed = tmp_path / "listed.yaml"
+    an.RangeScanner.planar(
+        SHORT.sensors[0], 20, np.pi, mount=(0.1, 0.05, 0.0), name="listed"
+    ).to_yaml(listed)
+    costs = Costs(scanner={str(listed): 99})
+    options, _ = hardware_options(ahead, Allowed.parse("second-scanner,scanner"), costs, "costs")
+    _, alone, both = (option.scanner.mounts[:, :2] for option in options)
+    assert {tuple(row) for row in alone.round(9)} == {(0.1, 0.05)}
+    assert {tuple(row) for row in both.round(9)} == {(0.2, 0.0), (-0.1, -0.05)}
 
 
 def test_another_scanner_is_also_tried_in_the_centre() -> None:
