@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import multiprocessing
+import pickle
 import sys
 import threading
 import traceback
@@ -17,7 +18,7 @@ from copy import copy
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ambinav.maps import schema
 from ambinav.runtime.processes import begin_worker, putting_signals_off
@@ -99,7 +100,7 @@ class DrawingProcess:
         )
         drawn = replace(audit, amap=amap, environment=amap.environment)
         try:
-            self._line.send((drawn, folder, image_format))
+            _send(self._line, (drawn, folder, image_format))
             while isinstance(answer := self._line.recv(), float):
                 if progress is not None:
                     progress(answer)
@@ -119,7 +120,7 @@ def _serve(other: Connection, line: Connection) -> None:
 
     while True:
         try:
-            audit, folder, image_format = line.recv()
+            audit, folder, image_format = _received(line)
         except (EOFError, ConnectionResetError):
             return
         failure: Exception | None = None
@@ -130,3 +131,23 @@ def _serve(other: Connection, line: Connection) -> None:
         except Exception:
             failure = RuntimeError(f"the pictures cannot be drawn\n{traceback.format_exc()}")
         line.send(failure)
+
+
+def _send(line: Connection, value: object) -> None:
+    """Send a value, its arrays straight from where they are: a pickle would hold them again."""
+    arrays: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(value, 5, buffer_callback=arrays.append)
+    parts = [array.raw() for array in arrays]
+    line.send((pickled, [part.nbytes for part in parts]))
+    for part in parts:
+        line.send_bytes(part)
+
+
+def _received(line: Connection) -> Any:
+    """Receive what `_send` sends."""
+    pickled, sizes = line.recv()
+    # Bytes would make arrays that cannot be written, for which kernels are compiled anew.
+    parts = [bytearray(size) for size in sizes]
+    for part in parts:
+        line.recv_bytes_into(part)
+    return pickle.loads(pickled, buffers=parts)
