@@ -143,8 +143,10 @@ class Forecaster:
                 InputWarning,
                 stacklevel=2,
             )
-        points = None if routes is None else self._points(routes, amap.spacing)
-        self.field = InformationField.of(amap, environment, points)
+        poses = None
+        if routes is not None:
+            poses = np.concatenate([np.empty((0, 3)), *(self._sampled(r)[0] for r in routes)])
+        self.field = InformationField.of(amap, environment, poses)
         self.start = np.diag(np.square(_deviations(start_std)))
         self.settings = self.localizer.settings(
             _limit(position_limit, "position_limit"),
@@ -204,12 +206,6 @@ class Forecaster:
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
             lost=self.lost_rule,
         )  # fmt: skip
-
-    @staticmethod
-    def _points(routes: Sequence[Route], step: float) -> Floats:
-        """Return poses along routes, a step apart at most, shape (N, 3)."""
-        dense = [route.steering.dense(route.poses, step)[0] for route in routes]
-        return np.concatenate([np.empty((0, 3)), *dense])
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         return sampled(route, self.localizer.distance, self.localizer.angle)

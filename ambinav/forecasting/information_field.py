@@ -31,13 +31,13 @@ cap. Which of tensor, F and both predicts best was measured: docs/planning.md.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
@@ -83,7 +83,7 @@ class InformationField:
         cls,
         amap: AmbiguityMap,
         environment: Environment | None = None,
-        points: Floats | None = None,
+        poses: Floats | None = None,
     ) -> InformationField:
         """Compute it from a map, whose walls and scanner give the part about the heading.
 
@@ -91,16 +91,16 @@ class InformationField:
             amap: The map.
             environment: What it was built of; None: as the map keeps it, which of buildings in
                 space is the floor alone.
-            points: Points (x, y, ...) near which it is wanted, shape (N, 2 or more), in less time;
-                elsewhere it is that of the nearest cell computed. None: the whole map.
+            poses: Poses at which it is wanted, shape (N, 3), in less time; elsewhere it is that of
+                the nearest cell computed. None: the whole map.
 
         Raises:
             InputError: the map does not tell its scanner, or by which parameters it was made.
         """
         data = amap.dataset
         possible = amap.possible
-        if points is not None:
-            near = possible & _near(amap, points)[:, :, np.newaxis]
+        if poses is not None:
+            near = possible & _near(amap, poses)
             possible = near if near.any() else possible
         headings = possible.shape[2]
         names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
@@ -118,10 +118,10 @@ class InformationField:
                 name: values[row, column, min(k, values.shape[2] - 1)].astype(np.float64)
                 for name, values in layers.items()
             }
-            poses = np.column_stack(
+            here = np.column_stack(
                 [data["x"].values[column], data["y"].values[row], np.full(len(row), theta[k])]
             )
-            turn, shift = turning.at(poses)
+            turn, shift = turning.at(here)
             if "heading" in at:
                 turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
             part = slice(done, done + len(row))
@@ -165,14 +165,19 @@ def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
     return np.asarray(values[:, :, np.newaxis] if values.ndim == 2 else values)
 
 
-def _near(amap: AmbiguityMap, points: Floats) -> NDArray[np.bool_]:
-    """Return the cells near points, shape (rows, columns), as far as interpolation reads them."""
-    cells = np.zeros(amap.possible.shape[:2], dtype=np.bool_)
+def _near(amap: AmbiguityMap, poses: Floats) -> NDArray[np.bool_]:
+    """Return a mask, shaped as `possible`, of the cells that interpolation at poses may read."""
+    rows, columns, headings = amap.possible.shape
+    cells = np.zeros(amap.possible.shape, dtype=np.bool_)
     origin = [float(amap.dataset[axis].values[0]) for axis in ("x", "y")]
-    at = ((points[:, :2] - origin) / amap.spacing).round().astype(np.int64)
-    column, row = at[((at >= 0) & (at < cells.shape[::-1])).all(axis=1)].T
-    cells[row, column] = True
-    return np.asarray(binary_dilation(cells, np.ones((3, 3)), iterations=AROUND))
+    column, row = ((poses[:, :2] - origin) / amap.spacing).round().astype(np.int64).T
+    below = np.floor(poses[:, 2] * headings / (2.0 * math.pi)).astype(np.int64)
+    around = np.arange(-AROUND, AROUND + 1)
+    for step in itertools.product(around, around, (0, 1)):
+        at = row + step[0], column + step[1]
+        within = (at[0] >= 0) & (at[0] < rows) & (at[1] >= 0) & (at[1] < columns)
+        cells[at[0][within], at[1][within], (below[within] + step[2]) % headings] = True
+    return cells
 
 
 class _Turning:

@@ -81,6 +81,19 @@ def test_information_near_the_routes_is_enough(demo_map: AmbiguityMap) -> None:
     assert len(fields[0].entries) < 0.5 * len(fields[1].entries)
 
 
+def test_information_at_the_headings_of_the_routes_is_enough() -> None:
+    """On a map with headings, for routes that bend and turn on the spot."""
+    sensor = an.RangeSensor(max_range=6.0, std=0.03, resolution=0.01)
+    fan = an.RangeScanner.planar(sensor, 30, math.radians(120.0))
+    building = an.load_environment(an.DEMO_BUILDING)
+    amap = an.build_map(building, fan, 0.4, headings=8, store=False)
+    bent = Route.through(ROOMS.poses[:, :2], an.Steering("dubins", 0.5))
+    routes = [HALL, ROOMS, bent]
+    near, everywhere = Forecaster(amap, "poor", routes=routes), Forecaster(amap, "poor")
+    assert np.array_equal(near.lost_probabilities(routes), everywhere.lost_probabilities(routes))
+    assert len(near.field.entries) < 0.1 * len(everywhere.field.entries)
+
+
 def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
     def share(**more: float | tuple[float, float, float]) -> float:
         return forecast(demo_map, HALL, "poor", **more).lost_probability  # type: ignore[arg-type]

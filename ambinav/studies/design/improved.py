@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, find_objects
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -118,14 +118,16 @@ def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[
     """
     labels = connected(amap, mask, parts)
     cells = np.bincount(labels.ravel())[1:]
+    boxes = find_objects(labels)
     x, y = (amap.dataset[axis].values for axis in ("x", "y"))
     places = []
     for label in (1 + np.argsort(-cells, kind="stable")[:MOST]).tolist():
-        # Beyond the lattice there is no floor.
-        depth = distance_transform_edt(np.pad(labels == label, 1))[1:-1, 1:-1]
+        # Around it, and beyond the lattice, there is no floor of it.
+        rows, columns = boxes[label - 1]
+        depth = distance_transform_edt(np.pad(labels[rows, columns] == label, 1))[1:-1, 1:-1]
         row, column = np.unravel_index(int(depth.argmax()), depth.shape)
         area = float(cells[label - 1]) * amap.cell_area
-        places.append(ImprovedPlace(float(x[column]), float(y[row]), area))
+        places.append(ImprovedPlace(float(x[columns][column]), float(y[rows][row]), area))
     return tuple(places)
 
 

@@ -123,47 +123,47 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     if not amap.has_theta:
         return []
     counted = amap.judged.counted
-    changes = [
-        _by_heading(
-            "Turn the robot to the best heading of each place",
-            "The robot must turn on the spot there, or drive sideways.",
-            before,
-            [share.area for share in amap.zone_shares("best", counted)],
-            _turned_good(amap, amap.floor("zone", "best").values),
-        )
-    ]
+    turned = _by_heading(
+        amap,
+        "Turn the robot to the best heading of each place",
+        "The robot must turn on the spot there, or drive sideways.",
+        before,
+        [share.area for share in amap.zone_shares("best", counted)],
+        amap.floor("zone", "best").values,
+    )
+    headings = amap.dataset["theta"].values
     zone = amap.dataset["zone"].transpose("theta", "y", "x").values
-    kept = []
-    for theta, codes in zip(amap.dataset["theta"].values.tolist(), zone, strict=True):
+    each = []
+    for codes in zone:
         # Where the robot cannot stand at this heading, nothing improves.
         able = counted & (codes != NOT_FREE)
         left = amap.zone_shares("mean", counted & ~able)
-        areas = [
-            float((able & (codes == code)).sum()) * amap.cell_area + share.area
-            for code, share in enumerate(left)
-        ]
-        title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
-        places = _turned_good(amap, codes)
-        kept.append(_by_heading(title, "The robot must drive sideways.", before, areas, places))
-    return [*changes, min(kept, key=lambda change: change.after.value)]
-
-
-def _turned_good(amap: AmbiguityMap, zone: NDArray[np.uint8]) -> tuple[ImprovedPlace, ...]:
-    """Return the largest places that are bad in the mean over headings and good in `zone`."""
-    counted, was = amap.judged.counted, amap.floor("zone").values
-    good = counted & np.isin(was, BAD) & np.isin(zone, (LOCALIZABLE, TRANSITION))
-    return largest_places(amap, good, amap.judged)
+        each.append(
+            [
+                float((able & (codes == code)).sum()) * amap.cell_area + share.area
+                for code, share in enumerate(left)
+            ]
+        )
+    best = min(range(len(each)), key=lambda k: sum(each[k][code] for code in BAD))
+    title = f"Keep the robot at a heading of {math.degrees(headings[best]):.0f}° in the map"
+    detail = "The robot must drive sideways."
+    return [turned, _by_heading(amap, title, detail, before, each[best], zone[best])]
 
 
 def _by_heading(
+    amap: AmbiguityMap,
     title: str,
     detail: str,
     before: float,
     areas: Sequence[float],
-    improved: tuple[ImprovedPlace, ...],
+    zone: NDArray[np.uint8],
 ) -> Counterfactual:
+    """Return what choosing the heading changes: the areas of the zones, and the zones then."""
     bad = sum(areas[code] for code in BAD)
     after = Interval(bad, bad, bad, 0)
+    counted, was = amap.judged.counted, amap.floor("zone").values
+    good = counted & np.isin(was, BAD) & np.isin(zone, (LOCALIZABLE, TRANSITION))
+    improved = largest_places(amap, good, amap.judged)
     return Counterfactual("heading", title, detail, before, after, improved, tuple(areas))
 
 
