@@ -408,6 +408,6 @@ def _check_replaced(output: Path) -> None:
 
 def _polygons(path: Path | None) -> BaseGeometry | None:
     """Return the area of a file's polygons; None: no file."""
-    from ambinav.buildings.polygons import load_region
+    from ambinav.buildings.drawn_items import load_region
 
     return None if path is None else load_region(path)

@@ -24,12 +24,12 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.canvas import fit, new_figure, root_figure
+from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
 
@@ -55,8 +55,6 @@ _STRIPES: Final = 90
 """Stripes of unexplored floor across the longer side of a picture."""
 _HALF_CELLS: Final = 2
 """Cells across a stripe, at least."""
-_THICK: Final = 5
-"""Cells across something solid from which it is a block, not a wall."""
 
 
 class FloorFigure:
@@ -389,37 +387,6 @@ def view(amap: AmbiguityMap) -> Bounds:
     return (
         float(left - margin), float(low - margin), float(right + margin), float(high + margin)
     )  # fmt: skip
-
-
-def padded_solid(
-    amap: AmbiguityMap, padding: int, rows: tuple[int, int], columns: tuple[int, int]
-) -> NDArray[np.bool_]:
-    """Return a part of the mask of solid cells, padded by a margin on each side.
-
-    Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at
-    its outline, and an obstacle that stands there ends with it.
-
-    Args:
-        amap: The map.
-        padding: Cells of the margin.
-        rows: The first row of the part, and one past the last; row 0 is the lowest of the margin.
-        columns: The same of the columns.
-    """
-    spans = [np.arange(*span) - padding for span in (rows, columns)]
-    nearest, inside, cut = [], [], []
-    for span, size in zip(spans, amap.solid.shape, strict=True):
-        held = np.clip(span, 0, size - 1)
-        # Whether a cell is of a block depends on those around it.
-        first = max(int(held[0]) - _THICK, 0)
-        cut.append(slice(first, int(held[-1]) + _THICK + 1))
-        nearest.append(held - first)
-        inside.append(held == span)
-    part = amap.solid[cut[0], cut[1]]
-    here = np.asarray(part[np.ix_(*nearest)] & np.logical_and.outer(*inside))
-    if amap.dataset.attrs.get("environment_resolution", "null") == "null":
-        return here
-    blocks = ndimage.binary_opening(part, np.ones((_THICK, _THICK)))
-    return np.asarray(here | blocks[np.ix_(*nearest)])
 
 
 def label_points(

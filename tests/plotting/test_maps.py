@@ -21,8 +21,8 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.canvas import save_figure
-from ambinav.plotting.floor import padded_solid
 from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.style import UNKNOWN, ZONE_COLOURS, round_length
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.buildings.polygons import load_region
+from ambinav.buildings.drawn_items import load_region
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
