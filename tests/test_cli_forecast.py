@@ -6,13 +6,18 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+import ambinav as an
 from ambinav import AmbiguityMap
 from ambinav.cli import app
+from ambinav.drive.noise import OdometryNoise
 from ambinav.routes.files import load_route
+from ambinav_planners import RoutePlanner
+from ambinav_planners.belief.model import BeliefModel
 from tests.forecasting.conftest import demo_map as demo_map
 
 ENDS = ("--start", "9", "21", "--goal", "28", "17")
@@ -108,6 +113,8 @@ def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
         (["--verify", "0"], "--verify is 0; give a share of robots above 0 and below 1."),
         (["--verify", "0.1", "--max-lost", "0.1"], "--verify is what --max-lost does by itself"),
         (["--drives", "9"], "--drives is for --verify and --max-lost"),
+        (["--planner", "belief", "--odometry", "good", "--odometry-scale", "1"],
+         "--odometry-scale is an odometry, and --odometry another; leave it out."),
         (["--verify", "0.1", "--drives", "0"], "--drives is 0; give a number of at least 1."),
         (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
         pytest.param(
@@ -121,6 +128,25 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())
     assert not (folder / "new.csv").exists()
+
+
+@pytest.mark.parametrize("odometry", [["--odometry", "amcl-default"], ["--odometry-scale", "1"]])
+def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
+    folder: Path, odometry: list[str]
+) -> None:
+    belief = ["--planner", "belief", "--seed", "3", "--start-std", "0.3", "--verify", "0.5"]
+    words = ["plan", "map.zarr", *ENDS, "-o", "new.csv", *belief, *odometry, "--json"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code in (0, 1), result.output
+    (figures,) = json.loads(result.stdout)["routes"].values()
+    amap, route = an.AmbiguityMap.open(folder / "map.zarr"), load_route(folder / "new.csv")
+    noise = OdometryNoise(scale=1.0)
+    known = an.forecast(amap, route, noise, start_std=(0.3, 0.3, 0.05))
+    assert figures["lost_probability"] == pytest.approx(known.lost_probability, abs=1e-6)
+    model = BeliefModel(start_std=(0.3, 0.3, 0.05))
+    planner = RoutePlanner(an.AmbiguityService(amap), belief=model, odometry=noise)
+    again = planner.plan((9, 21), (28, 17), planner_name="belief", seed=3)
+    np.testing.assert_array_equal(again.poses, route.poses)
 
 
 def test_bad_input_of_forecast(folder: Path) -> None:

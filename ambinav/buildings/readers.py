@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.plugins import Registry
 from ambinav.runtime.errors import InputError
@@ -63,6 +65,7 @@ def read(path: str | Path, **options: Any) -> Environment:
     Raises:
         InputError: no reader has the suffix, it has no such option, or it cannot use the file.
     """
+    check_kind(path, (str, os.PathLike), "path", "give the path of a building's file")
     path = Path(path)
     refuse_image(path)
     if path.is_dir():

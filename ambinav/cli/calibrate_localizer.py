@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,7 +189,7 @@ def _uncalibrated(name: str) -> LocalizerClass:
         return uncalibrated(name, name)
     plain: Any = parse_yaml(read_text(path), str(path), "give a mapping with the key type")
     if not isinstance(plain, Mapping) or "type" not in plain:
-        raise InputError(f"{path} holds {plain!r}; give a mapping with the key type.")
+        raise InputError(f"{path} holds {reprlib.repr(plain)}; give a mapping with the key type.")
     try:
         return uncalibrated(path.stem, plain)
     except InputError as error:

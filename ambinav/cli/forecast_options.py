@@ -109,15 +109,25 @@ class ForecastOptions:
                 "give a class of ambinav's own localizers."
             )
 
-    def forecaster(self, amap: AmbiguityMap, routes: Sequence[Route] | None = None) -> Forecaster:
-        """Make the forecaster of a map; None: of any routes."""
+    def forecaster(
+        self, amap: AmbiguityMap, routes: Sequence[Route] | None = None, **more: Any
+    ) -> Forecaster:
+        """Make the forecaster of a map.
+
+        Args:
+            amap: The map.
+            routes: See `Forecaster`.
+            more: Further arguments of it, in the place of these options.
+        """
         from ambinav.forecasting.forecast import Forecaster
 
-        which = self.odometry or ODOMETRY, self.localizer or LOCALIZER
+        which = {
+            "odometry": self.odometry or ODOMETRY, "localizer": self.localizer or LOCALIZER
+        }  # fmt: skip
         limits: dict[str, Any] = {
             "position_limit": self.position_limit,
             "lateral_limit": self.lateral_limit,
             "heading_limit": None if self.heading_limit is None else radians(self.heading_limit),
         }
         given = {name: limit for name, limit in limits.items() if limit is not None}
-        return Forecaster(amap, *which, routes=routes, **given)
+        return Forecaster(amap, routes=routes, **{**which, **given, **more})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +31,10 @@ from ambinav.forecasting.document import ODOMETRY
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ambinav.forecasting.ensemble import Ensemble
+    from ambinav.forecasting.forecast import Forecaster
 
 
 def _list_planners(wanted: bool) -> None:
@@ -93,7 +97,7 @@ def plan(
         search.check()
         cost.check(search)
         robot.check()
-        belief.check(search)
+        belief.check(search, forecast.odometry)
         promise.check(search, cost, result)
         mission.check(robot, promise, result)
         graph.check(search, robot, promise, result, limits, output)
@@ -109,9 +113,17 @@ def plan(
         services = [cost.service(amap)]
         if speed.least_time:
             services = speed.services(amap, body["footprint"].outer, forecast)
-        settings = {**body, **limits.arguments(), **belief.arguments(), **graph.arguments()}
+        settings = {
+            **body,
+            **limits.arguments(),
+            **belief.arguments(forecast.odometry),
+            **graph.arguments(),
+        }
         planners = [RoutePlanner(service, **settings) for service in services]
         planner = planners[0]
+        forecaster_of: Callable[..., Forecaster] = partial(
+            forecast.forecaster, amap, **belief.of_forecast()
+        )
         here, there = robot.ends(*ends)
         weight = planner.service.weight
         try:
@@ -119,7 +131,7 @@ def plan(
             if promise.max_lost is not None or (
                 result.pareto and (forecast.wanted or speed.wanted)
             ):
-                forecaster = forecast.forecaster(amap)
+                forecaster = forecaster_of()
                 promise.check_trust(forecaster.localizer, trust)
             if result.pareto:
                 plan_front(
@@ -138,7 +150,7 @@ def plan(
                 plans = [mission.plan(one, here, there, search, weight) for one in planners]
                 visited = plans[0]
                 if speed.least_time:
-                    forecaster = forecast.forecaster(amap, [one.route for one in plans])
+                    forecaster = forecaster_of([one.route for one in plans])
                     fastest = speed.fastest(plans, planner, forecaster)
                     planner, visited, forecaster = planners[fastest], plans[fastest], None
                 route, halts[name] = visited.route, joints(visited.legs)
@@ -155,13 +167,14 @@ def plan(
             raise InputError(f"{error} The parts are drawn in {where}.") from None
         lost = None
         if forecaster is None and (forecast.wanted or promise.wanted or speed.wanted):
-            forecaster = forecast.forecaster(amap, list(routes.values()))
+            forecaster = forecaster_of(list(routes.values()))
             promise.check_trust(forecaster.localizer, trust)
         if forecaster is not None:
             if promise.wanted:
                 others = {key: other for key, other in routes.items() if key not in driven}
                 driven |= promise.drive(planner, others, forecaster, search.seed)
-            lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
+            odometry = belief.odometry_text(forecast.odometry or ODOMETRY)
+            lost = LostFigures.of(routes, forecaster, odometry, driven)
         routes, creep = speed.timed(routes, planner, forecaster, halts)
         stops = mission.stops
         figures, lines = graph.finish(planner.priced_graph)

@@ -21,6 +21,7 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from ambinav.drive.noise import OdometryNoise
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
 
@@ -305,7 +306,7 @@ class BeliefOptions:
             limit]
         start_std (M): Standard deviation of x and of y at the start, metres. [default: 0.1]
         odometry_scale: Scale of the odometry errors; 1: AMCL's default alphas. As `odometry: scale`
-            of a comparison. [default: 0.25]
+            of a comparison. [default: 0.25, or what --odometry says]
     """
 
     PANEL: ClassVar[str] = "Belief planners"
@@ -314,12 +315,20 @@ class BeliefOptions:
     start_std: float | None = None
     odometry_scale: float | None = None
 
-    def check(self, search: SearchOptions) -> None:
-        """Refuse numbers that are no valid deviation.
+    def check(self, search: SearchOptions, odometry: str | None) -> None:
+        """Refuse numbers that are no valid deviation, and a second odometry.
+
+        Args:
+            search: The planner.
+            odometry: Name of the odometry of forecasts; None: it is not given.
 
         Raises:
             InputError: there is one, or one that the planner would not look at.
         """
+        conflict(
+            "--odometry-scale", self.odometry_scale is not None and odometry is not None,
+            "is an odometry, and --odometry another",
+        )  # fmt: skip
         for option, value, example in (
             ("--max-std", self.max_std, ""),
             ("--start-std", self.start_std, "0.1"),
@@ -329,19 +338,39 @@ class BeliefOptions:
             if example:
                 not_negative(value, option, example, "a number")
 
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of `RoutePlanner` about the belief."""
-        from ambinav.drive.noise import OdometryNoise
+    def arguments(self, odometry: str | None) -> dict[str, Any]:
+        """Return the arguments of `RoutePlanner` about the belief; see `check`."""
+        from ambinav.drive.odometries import odometry_of
         from ambinav_planners.belief.model import BeliefModel
 
         model = BeliefModel(max_std=math.inf if self.max_std is None else self.max_std)
         if self.start_std is not None:
             model = replace(model, start_std=(self.start_std, self.start_std, model.start_std[2]))
+        noise = self._noise()
+        if noise is None and odometry is not None:
+            noise = odometry_of(odometry)
+        return {"belief": model, "odometry": noise}
+
+    def of_forecast(self) -> dict[str, Any]:
+        """Return what a forecast takes from these options, as arguments of `Forecaster`."""
+        from ambinav_planners.belief.model import BeliefModel
+
+        given: dict[str, Any] = {}
+        if self.odometry_scale is not None:
+            given["odometry"] = self._noise()
+        if self.start_std is not None:
+            given["start_std"] = (self.start_std, self.start_std, BeliefModel().start_std[2])
+        return given
+
+    def odometry_text(self, named: str) -> str:
+        """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
-        return {
-            "belief": model,
-            "odometry": None if scale is None else OdometryNoise(scale=scale),
-        }
+        return named if scale is None else f"{scale:g} times amcl-default"
+
+    def _noise(self) -> OdometryNoise | None:
+        from ambinav.drive.noise import OdometryNoise
+
+        return None if self.odometry_scale is None else OdometryNoise(scale=self.odometry_scale)
 
 
 @dataclass(frozen=True, kw_only=True)

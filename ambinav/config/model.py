@@ -39,6 +39,10 @@ class ConfigModel(BaseModel):
         if not isinstance(plain, Mapping):
             raise _no_mapping(plain, cls.model_fields)
         check_keys(plain, cls.model_fields)
+        for name, value in plain.items():
+            # Pydantic takes true for 1.
+            if isinstance(value, bool) and cls.model_fields[name].annotation in (int, float):
+                raise InputError(f"{name} is {value}; give a number")
         return plain
 
 

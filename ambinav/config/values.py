@@ -43,6 +43,22 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
+def check_kind(value: object, kind: type | tuple[type, ...], name: str, remedy: str) -> None:
+    """Check that an argument is of a kind.
+
+    Args:
+        value: The argument.
+        kind: A class, or several.
+        name: Its name in messages.
+        remedy: What to do, as in "give one that `load_environment` returns".
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{name} is {shown(value)}; {remedy}.")
+
+
 def number(
     *, above: float | None = None, least: float | None = None, most: float | None = None
 ) -> BeforeValidator:

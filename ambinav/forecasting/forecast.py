@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_number
+from ambinav.config import as_number, check_kind
+from ambinav.config.values import shown
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
@@ -182,6 +183,9 @@ class Forecaster:
         Raises:
             InputError: a route does not lie on the map's floor.
         """
+        check_kind(routes, (list, tuple), "routes", "give a list of routes")
+        for route in routes:
+            check_kind(route, Route, "a route", "give what a planner or `load_route` returns")
         if not routes:
             return np.empty(0)
         parts = [self._sampled(route)[0] for route in routes]
@@ -307,10 +311,13 @@ def in_words(probability: float) -> str:
 
 
 def _deviations(values: ArrayLike) -> Floats:
-    deviations = np.asarray(values, dtype=np.float64)
+    try:
+        deviations = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        deviations = np.empty(0)
     if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
         raise InputError(
-            f"start_std is {deviations.tolist()}; give the deviations of x, y and heading, above 0."
+            f"start_std is {shown(values)}; give the deviations of x, y and heading, above 0."
         )
     return deviations
 

@@ -185,6 +185,9 @@ class _Turning:
 
     def __init__(self, amap: AmbiguityMap, building: Environment | None) -> None:
         kept, scanner = place_and_scanner(amap, None)
+        if not amap.has_theta:
+            # As the map is: else it would depend on where heading 0 is.
+            scanner = scanner.centred
         environment = kept if building is None else building
         parameters = json.loads(amap.dataset.attrs["parameters"])
         for name in ("tau", "map_std", "beams", "beams_used"):

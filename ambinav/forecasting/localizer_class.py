@@ -9,6 +9,7 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from ambinav.config import Number, Positive, check_fields, nearest, read_text
+from ambinav.config import Number, Positive, check_fields, check_kind, nearest, read_text
 from ambinav.config.files import parse_yaml
 from ambinav.config.model import from_mapping
 from ambinav.drive.localizer_spec import (
@@ -95,6 +96,7 @@ class LocalizerClass:
         """
         if isinstance(which, LocalizerClass):
             return which
+        check_kind(which, (str, Path), "localizer", "give a name, a YAML file or a LocalizerClass")
         path = _FOLDER / f"{which}.yaml"
         if not path.is_file() or Path(which).suffix:
             path = Path(which)
@@ -105,7 +107,7 @@ class LocalizerClass:
                 )
         plain: Any = parse_yaml(read_text(path), str(path), _EXAMPLE)
         if not isinstance(plain, Mapping):
-            raise InputError(f"{path} holds {plain!r}; give {_EXAMPLE}.")
+            raise InputError(f"{path} holds {reprlib.repr(plain)}; give {_EXAMPLE}.")
         try:
             return from_mapping(cls, plain)
         except InputError as error:

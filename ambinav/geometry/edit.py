@@ -15,6 +15,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import check_kind
 from ambinav.geometry.border_cover import bare_pieces, meeting, repeated
 from ambinav.geometry.obstacle import Obstacle, checked_outline
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
@@ -95,6 +96,10 @@ def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
     Raises:
         InputError: one does not lie on the floor, not even in part, or no floor is left.
     """
+    for obstacle in obstacles:
+        check_kind(
+            obstacle, Obstacle, "an obstacle", "make one by `Obstacle.post`, `panel` or `wall`"
+        )
     solids = [obstacle for obstacle in obstacles if obstacle.solid]
     for obstacle in solids:
         share = shapely.intersection(building.free, obstacle.outline).area / obstacle.outline.area

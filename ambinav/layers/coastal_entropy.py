@@ -410,4 +410,5 @@ LAYER = Layer(
     in_space=True,
     reach=_reach,
     companions={"coastal_entropy_gain": ("what a scan is expected to tell of the pose", "bits")},
+    high_is_good=("coastal_entropy_gain",),
 )

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from ambinav.ambiguity.model import AmbiguityModel, independent_tau, thin
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
 from ambinav.casting.scans import check_rays
-from ambinav.config import as_count
+from ambinav.config import as_count, check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps import schema
@@ -92,8 +93,15 @@ class MapSettings:
         layers: str | Iterable[str] = (),
     ) -> MapSettings:
         """Check the arguments of `build_map`, which describes them and the errors."""
+        check_kind(env, Environment, "env", "give what `load_environment` returns")
+        check_kind(
+            scanner, (RangeScanner, str, Path), "scanner",
+            "give a RangeScanner, a preset's name or a file",
+        )  # fmt: skip
         if not isinstance(scanner, RangeScanner):
             scanner = RangeScanner.load(scanner)
+        for name, value in (("spacing", spacing), ("radius", radius)):
+            check_kind(value, Real, name, "give a positive number of metres")
         check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
         names = (layers,) if isinstance(layers, str) else tuple(layers)
         names += tuple({cost_layer(scanner)} - schema.CORE)

@@ -30,6 +30,7 @@ from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.context import LayerContext
@@ -74,6 +75,7 @@ def updated(
         InputError: the map does not say how it was made, or was made by another version; or the
             robot can stand nowhere in `env`; or one of the two is in space and one is a plan.
     """
+    check_kind(env, Environment, "env", "give what `Environment.edited` returns")
     old = amap.environment
     if (old.space is None) != (env.space is None):
         kinds = ["a plan" if part.space is None else "in space" for part in (env, old)]

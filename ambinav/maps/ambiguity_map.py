@@ -319,9 +319,15 @@ class AmbiguityMap:
         if name not in self._prepared:
             layer_data = self.dataset[name]
             self._prepared[name] = PreparedLayer.of(layer_data, self._free, self._possible)
-        poses = np.broadcast_arrays(
-            *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
-        )
+        try:
+            poses = np.broadcast_arrays(
+                *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
+            )
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"x, y and theta are no numbers of matching shapes ({error}); give metres, metres "
+                "and radians."
+            ) from error
         flat = [v.flatten() for v in poses]  # copies: numpy warns of what broadcasting shares
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.metadata
 import json
+import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -212,6 +213,8 @@ def _within(
 ) -> xr.Dataset:
     """Return the cells whose centres lie in bounds."""
     xmin, ymin, xmax, ymax = bounds
+    if any(map(math.isnan, bounds)):
+        raise InputError(f"bounds is {bounds}; give xmin, ymin, xmax and ymax in metres.")
     part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
     if not (part.sizes["x"] and part.sizes["y"]):
         raise InputError(

@@ -10,6 +10,7 @@ even, so that a ramp ends at a point: it takes up to 5 cm / speed longer than it
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -169,6 +170,10 @@ def speed_profile(
     here, change = np.diff(along) <= SAME, np.diff(heading)
     drop = here & (np.abs(change) <= SAME)
     first = np.searchsorted(leg, np.arange(len(route) - 1))
+    if not all(0 <= k <= len(first) for k in stops):
+        raise InputError(
+            f"stops is {reprlib.repr(list(stops))}; the route has the poses 0 to {len(first)}."
+        )
     halts = first[[k for k in stops if 0 < k < len(first)]]
     if steering.space == "r2":
         bend = here & (np.abs(change) < SHARP)

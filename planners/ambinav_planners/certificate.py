@@ -39,10 +39,11 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """The gap in words."""
+        """The gap in words: how far the cost is above the bound, as a share of the bound."""
+        above = 100.0 * (self.cost / self.bound - 1.0) if self.bound > 0.0 else 0.0
         return (
             f"certified: no route costs less than {self.bound:.2f}, so this one, {self.cost:.2f}, "
-            f"is at most {100.0 * self.gap:.2g} % above the cheapest"
+            f"is at most {f'{above:.0f}' if above >= 10.0 else f'{above:.2g}'} % above the cheapest"
         )
 
 

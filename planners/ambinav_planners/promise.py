@@ -255,10 +255,20 @@ def _is_among(pair: tuple[Route, float], others: Iterable[tuple[Route, float]]) 
 
 
 def _none_keeps(max_lost: float, count: int, best: Promise) -> PromiseError:
-    how = "are forecast to" if best.driven is None else f"of {len(best.driven)} driven robots"
+    share = 100.0 * best.share
+    which = f"on the best, {best.route.length:.1f} m long,"
+    if best.driven is None:
+        known, how = "keeps", f"{which} {share:.1f} % are forecast to get lost"
+    else:
+        # On some the drives were too few to say.
+        known = "keeps" if best.driven.side == "above" else "is shown to keep"
+        low, high = 100.0 * best.driven.probability.low, 100.0 * best.driven.probability.high
+        how = (
+            f"{which} {share:.1f} % (95 % interval {low:.1f} to {high:.1f}) of "
+            f"{len(best.driven)} driven robots get lost"
+        )
     return PromiseError(
-        f"none of {count} routes keeps to {100.0 * max_lost:g} % of robots lost; on the best, "
-        f"{best.route.length:.1f} m long, {100.0 * best.share:.1f} % "
-        f"{how} get lost; allow more, or choose another scanner or odometry.",
+        f"none of {count} routes {known} to {100.0 * max_lost:g} % of robots lost; {how}; allow "
+        "more, or choose another scanner or odometry.",
         best,
     )

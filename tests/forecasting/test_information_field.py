@@ -7,11 +7,13 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav import build_map, load_environment
 from ambinav.ambiguity.model import independent_tau
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.forecasting import information_field as module
 from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.environment import Environment
@@ -231,6 +233,29 @@ def test_the_heading_is_no_better_known_than_by_the_map(radius: float) -> None:
         found[0, :2, 2] / expected, plain[0, :2, 2] / plain[0, 2, 2], atol=1e-6
     )
     np.testing.assert_allclose(of_position(found), of_position(plain), rtol=1e-4, atol=0.05)
+
+
+@pytest.mark.parametrize("mount", [(0.15, 0.0, 0.0), (-0.06, 0.1, 1.0)])
+def test_a_scanner_off_the_centre_tells_the_same_in_a_turned_building(
+    mount: tuple[float, float, float],
+) -> None:
+    """It looks all around, and its map is that of the scanner in the robot's centre."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
+    room = shapely.box(0.0, 0.0, 8.0, 3.2).union(shapely.box(0.0, 0.0, 3.2, 7.2))
+    laser = RangeScanner.planar(sensor, 60, math.tau, mount=mount)
+    poses = np.array([(1.0, 1.2, 0.0), (6.2, 2.6, 0.0), (2.8, 6.6, 0.0), (7.8, 1.0, 0.0)])
+    found = []
+    for quarter in range(4):
+        env = environment_from_shapes([room]).transformed(0.5 * math.pi * quarter)
+        field = InformationField.of(build_map(env, laser, spacing=0.4, store=False))
+        c, s = round(math.cos(0.5 * math.pi * quarter)), round(math.sin(0.5 * math.pi * quarter))
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        found.append(turn.T @ field.at(poses @ turn.T) @ turn)
+    centred = InformationField.of(
+        build_map(environment_from_shapes([room]), laser.centred, spacing=0.4, store=False)
+    ).at(poses)
+    for each in found:
+        np.testing.assert_allclose(each, centred, rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("missing", ["tau", "map_std", "beams", "beams_used"])

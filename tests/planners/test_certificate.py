@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,10 @@ def test_a_straight_route_in_an_empty_room_is_certified() -> None:
     assert proof.cost == pytest.approx(math.hypot(4.8, 2.6))
     assert 0.0 < proof.gap <= 0.01
     assert f"{proof.bound:.2f}" in proof.sentence
+    # Above the cheapest, which is not what could be saved of the dearer one.
+    far = replace(proof, cost=3.0 * proof.bound)
+    assert "at most 200 % above the cheapest" in far.sentence
+    assert far.gap == pytest.approx(2.0 / 3.0)
 
 
 def test_the_bound_knows_the_way_round_a_wall() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, PlainSerializer, model_validator
 
-from ambinav.config import ConfigModel, as_degrees, nearest
+from ambinav.config import ConfigModel, Positive, as_degrees, nearest
 from ambinav.geometry.motion.steering import KINDS, Steering
 from ambinav.runtime.errors import InputError
 
@@ -139,8 +139,8 @@ class DrivePart(ConfigModel):
     seed: int = Field(default=1, ge=0)
     open_loop: bool = False
     rate: float = Field(default=10.0, gt=0.0)
-    start_std: tuple[float, float] = (0.05, 0.05)
-    start_heading_std_deg: float = math.degrees(0.02)
+    start_std: tuple[Positive, Positive] = (0.05, 0.05)
+    start_heading_std_deg: float = Field(default=math.degrees(0.02), gt=0.0)
     max_time: float | None = Field(default=None, gt=0.0)
 
     @model_validator(mode="before")

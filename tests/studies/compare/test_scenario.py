@@ -173,6 +173,15 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         "people: the key 'count' is missing; add it",
     ),
     "obstacles": (lambda p: p.update(obstacles={"cout": 3}), "obstacles: the key 'cout' is"),
+    "no deviation": (
+        lambda p: p["drive"].update(start_std=[0.0, 0.05]),
+        "drive.start_std[0] is 0.0; give a number above 0",
+    ),
+    "no deviation of the heading": (
+        lambda p: p["drive"].update(start_heading_std_deg=0),
+        "drive.start_heading_std_deg is 0",
+    ),
+    "runs that are true": (lambda p: p["drive"].update(runs=True), "runs is True; give a number"),
     "start_std": (
         lambda p: p["drive"].update(start_std=[0.05, 0.05, 0.02]),
         "start_std is [0.05, 0.05, 0.02]; give only those of x and y in metres, and that of the "
