@@ -86,6 +86,15 @@ def test_a_path_message_and_a_table(runner: CliRunner, folder: Path) -> None:
     points = message["ambinav"]["points"]
     assert places == [{name: point[name] for name in "xyz"} for point in points]
     assert message["ambinav"]["cost"] == pytest.approx(message["ambinav"]["length_m"])
+    # It may be planned anew, and a plan of the floor may take its place; other files stay.
+    assert runner.invoke(app, [*PLAN, "--time", "0.5", "-o", "r.json"]).exit_code == 0
+    flat = runner.invoke(app, ["plan", "flat.zarr", *FLAT_ENDS[:-1], "r.json"])
+    assert flat.exit_code == 0, flat.output
+    (folder / "r.json").write_text("{}")
+    done = runner.invoke(app, [*PLAN, "-o", "r.json"])
+    assert done.exit_code == 2 and "holds no route" in done.stderr
+    assert (folder / "r.json").read_text() == "{}"
+    (folder / "r.json").unlink()
 
 
 def test_a_flat_robot(runner: CliRunner) -> None:

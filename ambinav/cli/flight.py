@@ -17,6 +17,7 @@ from ambinav.cli.plan_options import (
     ResultOptions,
     RobotOptions,
     SearchOptions,
+    check_replaced,
 )
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file
@@ -89,6 +90,7 @@ def plan_flight(
 
     check_suffix(output, "--output", SUFFIXES)
     check_file(output)
+    check_replaced(output)
     if result.picture is not None:
         check_suffix(result.picture, "--picture", PICTURES)
         check_file(result.picture)

@@ -414,14 +414,18 @@ class ResultOptions:
 
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
-            _check_replaced(output)
+            check_replaced(output)
         if self.picture is not None:
             check_suffix(self.picture, "--picture", PICTURES)
             check_file(self.picture)
 
 
-def _check_replaced(output: Path) -> None:
-    """Refuse to write a route over a file of another content, such as a building's GeoJSON."""
+def check_replaced(output: Path) -> None:
+    """Refuse to write a route over a file of another content, such as a building's GeoJSON.
+
+    Raises:
+        InputError: there is such a file.
+    """
     from ambinav.export.registry import exporter
     from ambinav.routes.files import load_route
 
@@ -430,9 +434,12 @@ def _check_replaced(output: Path) -> None:
     try:
         load_route(output)
     except InputError as error:
-        raise InputError(
-            f"--output: {output} is there and holds no route; give another name, or remove it."
-        ) from error
+        from ambinav_planners.flight_file import is_flight
+
+        if not is_flight(output):
+            raise InputError(
+                f"--output: {output} is there and holds no route; give another name, or remove it."
+            ) from error
 
 
 def _polygons(path: Path | None) -> BaseGeometry | None:

@@ -70,7 +70,7 @@ def load_flight(path: str | Path, service: VolumeService) -> FlightRoute:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: routes through space are read from {' or '.join(SUFFIXES)}.")
-    figures, rows = _table(path) if suffix == ".csv" else _message(path)
+    figures, rows = _read(path)
     points = np.array([[point.x, point.y, point.z] for point in rows])
     attrs = service.volume.dataset.attrs
     # The planner's progress is in the costs of what it planned with.
@@ -87,6 +87,18 @@ def load_flight(path: str | Path, service: VolumeService) -> FlightRoute:
         planner=figures.planner,
         seed=figures.seed,
     )
+
+
+def is_flight(path: Path) -> bool:
+    """Return whether a file holds a route through space."""
+    try:
+        return path.suffix.lower() in SUFFIXES and bool(_read(path))
+    except InputError:
+        return False
+
+
+def _read(path: Path) -> _Saved:
+    return _table(path) if path.suffix.lower() == ".csv" else _message(path)
 
 
 def _table(path: Path) -> _Saved:

@@ -174,7 +174,7 @@ def test_classes_are_calibrated() -> None:
         ({"position_limit": 0.0}, "position_limit is 0; "),
         ({"lateral_limit": math.nan}, "lateral_limit is nan; "),
         ({"heading_limit": -1.0}, "heading_limit is -1; "),
-        ({"start_std": (0.1, 0.1)}, r"start_std is \[0.1, 0.1\]; "),
+        ({"start_std": (0.1, 0.1)}, r"start_std is \(0.1, 0.1\); "),
     ],
 )
 def test_bad_arguments(demo_map: AmbiguityMap, arguments: dict[str, object], message: str) -> None:

@@ -261,9 +261,10 @@ def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
 def test_the_audit_says_how_many_posts_suffice(helped: Remedy) -> None:
     from ambinav.studies.audit.post_search import PostSearch, posts_part
 
-    part = posts_part(PostSearch(5, helped.rules, helped, ""))
-    assert (part.asked, len(part.posts)) == (5, 3)
+    part = posts_part(PostSearch(5, helped.rules, helped, "", (30.0, 20.0, 15.0)))
+    assert (part.asked, len(part.posts), part.after_m2) == (5, 3, 15.0)
+    assert [post.left for post in part.posts] == [30.0, 20.0, 15.0]
     assert part.reason.startswith("3 of 5 posts suffice: ")
-    assert posts_part(PostSearch(3, helped.rules, helped, "")).reason == ""
+    assert posts_part(PostSearch(3, helped.rules, helped, "", (30.0, 20.0, 15.0))).reason == ""
     none = posts_part(PostSearch(5, helped.rules, None, "No place is free."))
     assert (none.reason, none.posts, none.before_m2) == ("No place is free.", (), None)

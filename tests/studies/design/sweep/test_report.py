@@ -208,7 +208,10 @@ def test_a_mesh(folder: Path) -> None:
         (("--vary", "colour=1"), "is not a property of a scanner"),
         (("--vary", "yaw=0:359:1", "--vary", "beams=4:30"), "settings; give wider steps"),
         (("--vary", "yaw=0", "--polygon", "far.wkt"), "the robot can be at no point of it"),
-        (("--vary", "yaw=0", "--polygon", "line.wkt"), "line.wkt: it holds no polygon"),
+        (
+            ("--vary", "yaw=0", "--polygon", "line.wkt"),
+            "line.wkt: it is a LineString; give polygons",
+        ),
         (("--vary", "yaw=0", "--polygon", "none.wkt"), "none.wkt"),
         (("--vary", "yaw=0", "--route", "none.csv"), "none.csv"),
         (("--vary", "yaw=0", "--route", "a", "--polygon", "b"), "--polygon: it excludes --route"),
