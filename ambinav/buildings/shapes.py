@@ -80,6 +80,9 @@ def environment_from_shapes(
         InputWarning: A polygon that crosses itself was repaired.
     """
     label = str(source) if source is not None else name
+    for what, given in (("rooms", rooms), ("obstacles", obstacles), ("walls", walls)):
+        if isinstance(given, BaseGeometry):
+            raise InputError(f"{label}: {what} is a {given.geom_type}; give a list of shapes.")
     remarks = list(notes)
     room_list = [_polygon(label, "room", k, s, remarks) for k, s in enumerate(rooms)]
     solid_list = [_polygon(label, "obstacle", k, s, remarks) for k, s in enumerate(obstacles)]

@@ -24,6 +24,8 @@ StdModel: TypeAlias = Literal["constant", "linear", "table"]
 STD_PER_MEAN_ABSOLUTE = math.sqrt(math.pi / 2)
 HIGHEST_CHOSEN_DEGREE = 3
 COVERAGE_WITHOUT_WARNING = 0.8
+BEYOND = 0.1
+"""Share of the range by which a reading may lie beyond it without a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,8 @@ class CalibrationFit:
             InputError: the pairs cannot be used, are too few, or lie outside the limits.
 
         Warns:
-            InputWarning: the pairs cover less than 80 percent of the sensor's range.
+            InputWarning: the pairs cover less than 80 percent of the sensor's range, or readings
+                lie far beyond it.
         """
         if std_model not in get_args(StdModel):
             known = ", ".join(get_args(StdModel))
@@ -81,6 +84,15 @@ class CalibrationFit:
         _check_enough(values, source, 0 if degree is None else degree)
         d, reading = values[:, 0].copy(), values[:, 1].copy()
         _check_within(d, places, limits, source)
+        # Noise carries some a little beyond it.
+        beyond = int((reading > limits[1] + BEYOND * (limits[1] - limits[0])).sum())
+        if beyond:
+            warnings.warn(
+                f"{source}: {beyond} of {len(reading)} readings lie far beyond max_range, "
+                f"{limits[1]:g} m, and count as errors; remove them, or correct max_range.",
+                InputWarning,
+                stacklevel=3,
+            )
         error = reading - d
         if degree is None:
             degree = _best_degree(d, error)

@@ -291,3 +291,8 @@ def test_bad_files(tmp_path: Path) -> None:
 def test_bad_shapes(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         environment_from_shapes(**arguments)
+
+
+def test_one_shape_is_no_list() -> None:
+    with pytest.raises(InputError, match="rooms is a Polygon; give a list of shapes"):
+        environment_from_shapes(shapely.box(0.0, 0.0, 3.0, 3.0))  # type: ignore[arg-type]

@@ -145,6 +145,13 @@ def test_bad_arguments() -> None:
         RangeSensor.fit(measured(), max_range=1.0, min_range=2.0, resolution=0.1)
 
 
+def test_readings_far_beyond_the_range_warn() -> None:
+    pairs = measured()
+    pairs[:3, 1] += 10.0
+    with pytest.warns(InputWarning, match=r"3 of \d+ readings lie far beyond max_range"):
+        RangeSensor.fit(pairs, **LIMITS)
+
+
 def test_pairs_over_a_part_of_the_range_warn() -> None:
     pairs = measured()
     with pytest.warns(InputWarning, match="extrapolated"):
