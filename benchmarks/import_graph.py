@@ -44,6 +44,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("ambinav_envs", "ambinav_planners"),
     ("ambinav_envs.leaderboard",),
     ("cli",),
+    ("__main__",),
 )
 """Rooms from the ground up. A room is a module of `ambinav`, or a package with all that lies in it
 and in no room of its own; `ambinav` is what `import ambinav` gives, `ambinav_envs` and

@@ -353,6 +353,7 @@ def run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_as_a_program(folder):
     assert run("-m", "ambinav.cli", "--version").stdout == f"ambinav {ambinav.__version__}\n"
+    assert "Usage: ambinav plan" in run("-m", "ambinav", "plan", "--help").stdout
     assert run("-m", "ambinav.cli", "audit", "none.yaml", "-s", "x", "-o", "out").returncode == 2
 
 

@@ -131,7 +131,7 @@ def main() -> None:
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
     interrupts.install()
     try:
-        app()
+        app(prog_name="ambinav")
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     finally:
