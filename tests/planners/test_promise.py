@@ -91,7 +91,9 @@ def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
 @pytest.mark.slow
 def test_undecided_drives_keep_no_promise(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "good")
-    with pytest.raises(PromiseError, match=r"is shown to keep .* 0\.0 to \d+\.\d\) of 16 driven") as error:
+    with pytest.raises(
+        PromiseError, match=r"is shown to keep .* 0\.0 to \d+\.\d\) of 16 driven"
+    ) as error:
         route_within(
             robot, *ACROSS, forecaster, 0.05,
             runner=forecaster.runner(), seed=1, runs=16, weights=(0.0, 8.0),
