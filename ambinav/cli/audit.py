@@ -174,22 +174,29 @@ def _examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
 
-    forecasting = stage("routes")
-    try:
-        result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
-    except InputError as error:
-        note(f"the audit has no forecasts of routes: {error}")
-    forecasting(1.0)
-    advising = stage("advice")
+    forecasting, advising = stage("routes"), stage("advice")
+
+    def forecast(result: Audit) -> Audit:
+        try:
+            result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
+        except InputError as error:
+            note(f"the audit has no forecasts of routes: {error}")
+        forecasting(1.0)
+        return result
 
     def advised(result: Audit, go_on: Callable[[], None]) -> Audit:
         def report(share: float) -> None:
             go_on()
             advising(share)
 
+        # Here, and not before: meanwhile the pictures are drawn, which need neither.
+        result = forecast(result)
+        go_on()
         passes = gate_of(conditions, result) if conditions else None
         return advise(result, posts=reported.posts, passes=passes, report=report)
 
+    if reported.no_advice:
+        result = forecast(result)
     report = write_audit(
         result, output, stage("pictures"), reported.pictures,
         None if reported.no_advice else advised, draw,
