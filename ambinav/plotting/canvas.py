@@ -7,9 +7,12 @@ from typing import Any, Final
 from weakref import WeakSet
 
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.text import Text
 
 DPI: Final = 160
 MARGIN: Final = 0.08
@@ -82,7 +85,14 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
 
 
 def _take_literally(figure: Figure) -> None:
-    """Show dollar signs in titles and labels as they are; only those of ticks are formulas."""
-    for axes in figure.axes:
-        for text in (axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts):
+    """Show dollar signs in names as they are; only tick labels are formulas."""
+    texts: list[Artist] = [
+        label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label)
+    ]
+    for part in (figure, *figure.subfigs, *figure.axes):
+        for child in part.get_children():
+            texts += child.get_texts() if isinstance(child, Legend) else [child]
+    for text in texts:
+        # What is escaped already reads well.
+        if isinstance(text, Text) and r"\$" not in text.get_text():
             text.set_parse_math(False)
