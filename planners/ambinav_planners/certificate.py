@@ -40,11 +40,12 @@ class Certificate:
     @property
     def sentence(self) -> str:
         """The gap in words: how far the cost is above the bound, as a share of the bound."""
-        above = 100.0 * (self.cost / self.bound - 1.0) if self.bound > 0.0 else 0.0
-        return (
-            f"certified: no route costs less than {self.bound:.2f}, so this one, {self.cost:.2f}, "
-            f"is at most {f'{above:.0f}' if above >= 10.0 else f'{above:.2g}'} % above the cheapest"
-        )
+        proved = f"certified: no route costs less than {self.bound:.2f}"
+        if self.cost > 0.0 >= self.bound:
+            return f"{proved}; nothing is proved of how far this one, {self.cost:.2f}, is above it"
+        above = max(100.0 * (self.cost / self.bound - 1.0), 0.0) if self.cost > 0.0 else 0.0
+        share = f"{above:.0f}" if above >= 10.0 else f"{above:.2g}"
+        return f"{proved}, so this one, {self.cost:.2f}, is at most {share} % above the cheapest"
 
 
 def certify(

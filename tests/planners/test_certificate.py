@@ -58,6 +58,8 @@ def test_a_straight_route_in_an_empty_room_is_certified() -> None:
     far = replace(proof, cost=3.0 * proof.bound)
     assert "at most 200 % above the cheapest" in far.sentence
     assert far.gap == pytest.approx(2.0 / 3.0)
+    assert "nothing is proved" in replace(proof, bound=0.0).sentence
+    assert "at most 0 % above" in replace(proof, cost=0.0, bound=0.0).sentence
 
 
 def test_the_bound_knows_the_way_round_a_wall() -> None:
