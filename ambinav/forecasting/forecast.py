@@ -144,9 +144,11 @@ class Forecaster:
                 InputWarning,
                 stacklevel=2,
             )
-        poses = None
+        self._only, poses = None, None
         if routes is not None:
-            poses = np.concatenate([np.empty((0, 3)), *(self._sampled(r)[0] for r in routes)])
+            sampled_poses = [self._sampled(route)[0] for route in _checked(routes)]
+            poses = np.concatenate([np.empty((0, 3)), *sampled_poses])
+            self._only = frozenset(part.tobytes() for part in sampled_poses)
         self.field = InformationField.of(amap, environment, poses)
         self.start = np.diag(np.square(_deviations(start_std)))
         self.settings = self.localizer.settings(
@@ -159,7 +161,7 @@ class Forecaster:
         """Return the forecast of a route.
 
         Raises:
-            InputError: the route does not lie on the map's floor.
+            InputError: the route does not lie on the map's floor, or is none of `routes`.
         """
         poses, along = self._sampled(route)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
@@ -181,12 +183,9 @@ class Forecaster:
         """Return the probability that a robot gets lost on each route, shape (K,).
 
         Raises:
-            InputError: a route does not lie on the map's floor.
+            InputError: a route does not lie on the map's floor, or is none of `routes`.
         """
-        check_kind(routes, (list, tuple), "routes", "give a list of routes")
-        for route in routes:
-            check_kind(route, Route, "a route", "give what a planner or `load_route` returns")
-        if not routes:
+        if not _checked(routes):
             return np.empty(0)
         parts = [self._sampled(route)[0] for route in routes]
         first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
@@ -212,7 +211,13 @@ class Forecaster:
         )  # fmt: skip
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
-        return sampled(route, self.localizer.distance, self.localizer.angle)
+        poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
+        if self._only is not None and poses.tobytes() not in self._only:
+            raise InputError(
+                f"route of {along[-1]:.1f} m: it is none of the routes that this Forecaster was "
+                "made for; make one for it, or one without `routes`."
+            )
+        return poses, along
 
     def _floor(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         return np.asarray(self.map.sample("free", x, y)) >= 0.5
@@ -308,6 +313,14 @@ def in_words(probability: float) -> str:
     step = 10.0 ** max(math.floor(math.log10(one_in)) - 1, 0)
     rounded = step * round(one_in / step) if one_in >= 10.0 else round(one_in)
     return f"about 1 in {rounded:g} robots gets"
+
+
+def _checked(routes: Sequence[Route]) -> Sequence[Route]:
+    """Return routes, refused unless they are some."""
+    check_kind(routes, Sequence, "routes", "give a list of routes")
+    for route in routes:
+        check_kind(route, Route, "a route", "give what a planner or `load_route` returns")
+    return routes
 
 
 def _deviations(values: ArrayLike) -> Floats:

@@ -92,6 +92,19 @@ def test_information_at_the_headings_of_the_routes_is_enough() -> None:
     near, everywhere = Forecaster(amap, "poor", routes=routes), Forecaster(amap, "poor")
     assert np.array_equal(near.lost_probabilities(routes), everywhere.lost_probabilities(routes))
     assert len(near.field.entries) < 0.1 * len(everywhere.field.entries)
+    # Elsewhere it knows nothing, and says so.
+    back = Route.through(HALL.poses[::-1, :2])
+    for ask in (near, lambda route: near.lost_probabilities([route])):
+        with pytest.raises(InputError, match="none of the routes that this Forecaster"):
+            ask(back)
+
+
+@pytest.mark.parametrize("routes", [HALL, [None], "hall", 3])
+def test_what_is_no_list_of_routes(demo_map: AmbiguityMap, routes: object) -> None:
+    with pytest.raises(InputError, match=r"give a list of routes|a route is"):
+        Forecaster(demo_map).lost_probabilities(routes)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"give a list of routes|a route is"):
+        Forecaster(demo_map, routes=routes)  # type: ignore[arg-type]
 
 
 def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
