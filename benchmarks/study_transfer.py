@@ -32,7 +32,7 @@ ROBOTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "8 m of range": {"scanner": {"max_range": 8.0}},
     "odometry x 2": {"odometry_scale": 2.0},
 }
-"""The first: a Kalman filter, 60 beams of 4 m, and odometry that errs as the filter is told."""
+"""The first: a Kalman filter, 60 beams of 4 m, and odometry that errs as the filter assumes."""
 SEEN: Final[Mapping[str, Any]] = {"window": False}
 
 
