@@ -189,7 +189,7 @@ def _examine(
             go_on()
             advising(share)
 
-        # Here, and not before: meanwhile the pictures are drawn, which need neither.
+        # Meanwhile the pictures are drawn, which need neither forecasts nor advice.
         result = forecast(result)
         go_on()
         passes = gate_of(conditions, result) if conditions else None

@@ -345,7 +345,7 @@ class BeliefOptions:
 
         model = BeliefModel(max_std=math.inf if self.max_std is None else self.max_std)
         if self.start_std is not None:
-            model = replace(model, start_std=(self.start_std, self.start_std, model.start_std[2]))
+            model = replace(model, start_std=self._start(self.start_std))
         noise = self._noise()
         if noise is None and odometry is not None:
             noise = odometry_of(odometry)
@@ -353,19 +353,23 @@ class BeliefOptions:
 
     def of_forecast(self) -> dict[str, Any]:
         """Return what a forecast takes from these options, as arguments of `Forecaster`."""
-        from ambinav_planners.belief.model import BeliefModel
-
         given: dict[str, Any] = {}
         if self.odometry_scale is not None:
             given["odometry"] = self._noise()
         if self.start_std is not None:
-            given["start_std"] = (self.start_std, self.start_std, BeliefModel().start_std[2])
+            given["start_std"] = self._start(self.start_std)
         return given
 
     def odometry_text(self, named: str) -> str:
         """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
         return named if scale is None else f"{scale:g} times amcl-default"
+
+    def _start(self, std: float) -> tuple[float, float, float]:
+        """Return the deviations at the start, that of the heading by default."""
+        from ambinav_planners.belief.model import BeliefModel
+
+        return (std, std, BeliefModel().start_std[2])
 
     def _noise(self) -> OdometryNoise | None:
         from ambinav.drive.noise import OdometryNoise

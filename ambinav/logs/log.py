@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats, compose, wrapped
 from ambinav.runtime.errors import InputError
@@ -146,10 +147,11 @@ class Log:
         Raises:
             InputError: `nth` is below 1, or leaves no scan to one of the two.
         """
-        if nth != int(nth) or nth < 1 or (nth > 1 and self.scans < 2):
+        check_kind(nth, (int, np.integer), "every", "give a whole number from 1 on")
+        if nth < 1 or (nth > 1 and self.scans < 2):
             raise InputError(
                 f"{self.source or self.name}: every is {nth} and the log has {self.scans} scans; "
-                "give a whole number from 1 on, and above 1 a log with at least two scans."
+                "give 1 or more, and above 1 a log with at least two scans."
             )
         first = np.arange(self.scans) % nth == 0
         return self.chosen(first), self.chosen(~first if nth > 1 else first)

@@ -24,6 +24,8 @@ def test_every_second_scan_and_the_rest():
     np.testing.assert_array_equal(rest.odometry, log.odometry[1::2])
     np.testing.assert_array_equal(log.thinned(3).time, log.time[[0, 3, 6]])
     assert log.every(1)[1].scans == 7
+    with pytest.raises(InputError, match=r"^every is 2\.5; give a whole number"):
+        log.every(2.5)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="every is 0 and the log has 7 scans"):
         log.thinned(0)
     with pytest.raises(InputError, match="every is 2 and the log has 1 scans"):

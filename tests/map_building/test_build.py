@@ -284,18 +284,19 @@ def test_pieces_between_interruptions_change_nothing(
         ("sigma_theta", 0.0), ("sigma_theta", math.nan),
         ("outlier_share", 0.0), ("outlier_share", 1.0), ("outlier_share", math.nan),
         ("max_beams", 0), ("max_beams", -1),
+        ("env", "office.yaml"), ("env", None), ("scanner", None), ("spacing", "0.3"),
         ("low", 0.0), ("low", 0.7), ("high", 0.0), ("high", 1.0), ("high", math.nan),
     ],
 )  # fmt: skip
 def test_bad_arguments_are_named(
-    env: Environment, laser: RangeScanner, field: str, value: float
+    env: Environment, laser: RangeScanner, field: str, value: object
 ) -> None:
-    arguments: dict[str, Any] = {"spacing": 0.3} | {field: value}
+    arguments: dict[str, Any] = {"env": env, "scanner": laser, "spacing": 0.3} | {field: value}
     with pytest.raises(InputError, match=rf"^{field} is ") as caught:
-        build_map(env, laser, **arguments)
+        build_map(**arguments)
     message = str(caught.value)
     assert "\n" not in message and ("give" in message or "needs" in message)
-    assert f"{value:g}" in message or str(value) in message
+    assert str(value) in message or f"{value:g}" in message
 
 
 def test_spacing_larger_than_the_building(env: Environment, laser: RangeScanner) -> None:

@@ -304,5 +304,9 @@ def test_bad_input(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
     with pytest.raises(an.InputError, match="lack the scanner"):
         bare.update(hall)
     other = an.AmbiguityMap(hall_map.dataset.drop_vars("unknown"))
+    with pytest.raises(an.InputError, match=r"^env is None; give what `Environment\.edited`"):
+        hall_map.update(None)  # type: ignore[arg-type]
+    with pytest.raises(an.InputError, match=r"^an obstacle is <POLYGON"):
+        hall.edited([shapely.box(1.0, 1.0, 1.2, 1.2)])  # type: ignore[list-item]
     with pytest.raises(an.InputError, match=r"another version of ambinav.* unknown"):
         other.update(hall.edited([Obstacle.post(1.0, 2.0, 0.3)]))

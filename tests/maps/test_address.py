@@ -77,6 +77,8 @@ def test_a_window_and_single_layers_are_read_alone(
     whole.save(url)
     xmin, ymin, xmax, ymax = whole.bounds
     bounds = (xmin, ymin, (xmin + xmax) / 2, ymax)
+    with pytest.raises(InputError, match=r"bounds is .*nan.*; give xmin"):
+        AmbiguityMap.open(url, bounds=(xmin, ymin, float("nan"), ymax))
     part = AmbiguityMap.open(url, bounds=bounds)
     assert part.dataset.identical(
         whole.dataset.sel(x=slice(bounds[0], bounds[2]), y=slice(bounds[1], bounds[3]))

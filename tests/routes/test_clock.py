@@ -134,6 +134,9 @@ def test_a_stop_on_the_way_costs_a_ramp_down_and_up():
     assert stopped.duration - freely.duration == pytest.approx(0.5 / 2.5)
     legs = [Route.through(line[k : k + 2]).timed() for k in (0, 1)]
     assert stopped.duration == pytest.approx(sum(leg.duration for leg in legs))
+    for stop in (-1, 3):
+        with pytest.raises(InputError, match="the route has the poses 0 to 2"):
+            speed_profile(line, Steering(), stops=[stop])
 
 
 def test_a_bound_holds_where_it_is_given():

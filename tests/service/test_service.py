@@ -236,10 +236,16 @@ def test_clearance_counts_with_headings_too(headed: an.AmbiguityMap) -> None:
     )
 
 
-def test_a_layer_that_is_high_where_all_is_well_makes_no_cost(plain: an.AmbiguityMap) -> None:
-    more = with_layers(plain, ["wall_normals"])
-    with pytest.raises(an.InputError, match=r"'wall_normals' is high where .* well localized"):
-        an.AmbiguityService(more, layer="wall_normals")
+@pytest.mark.parametrize(
+    ("added", "layer"),
+    [("wall_normals", "wall_normals"), ("coastal_entropy", "coastal_entropy_gain")],
+)
+def test_a_layer_that_is_high_where_all_is_well_makes_no_cost(
+    plain: an.AmbiguityMap, added: str, layer: str
+) -> None:
+    more = with_layers(plain, [added])
+    with pytest.raises(an.InputError, match=rf"'{layer}' is high where .* well localized"):
+        an.AmbiguityService(more, layer=layer)
 
 
 def test_a_metre_outside_of_preferred_floor_costs_more(plain: an.AmbiguityMap) -> None:

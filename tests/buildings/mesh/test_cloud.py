@@ -162,6 +162,16 @@ def test_units_and_axes_are_asked_about_and_not_guessed(tmp_path: Path) -> None:
     assert np.ptp(read_cloud(tmp_path / "side.xyz", up="y").bounds, axis=0)[2] < 2.7
 
 
+def test_a_cloud_with_y_up_is_the_one_that_was_turned(points: Points, tmp_path: Path) -> None:
+    """Cell by cell: x stays, and what was y points against z."""
+    write_xyz(tmp_path / "z.xyz", points)
+    write_xyz(tmp_path / "y.xyz", np.column_stack([points[:, 0], points[:, 2], -points[:, 1]]))
+    upright, turned = (
+        read_cloud(tmp_path / f"{up}.xyz", voxel=0.0625, up=up).vertices for up in "zy"
+    )
+    assert np.array_equal(np.unique(turned, axis=0), np.unique(upright, axis=0))
+
+
 def test_feet_and_degrees_of_a_las_file(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy", reason="laspy is not installed")
     for text, wanted in (

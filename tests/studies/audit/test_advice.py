@@ -164,6 +164,9 @@ def test_where_nothing_helps_it_says_so() -> None:
     assert found.verdict is not None
     assert (found.verdict.decision, found.verdict.advice) == ("none", ())
     assert "no tested change removes a tenth" in found.verdict.sentence
+    # Routes were tried: to plan around it helps no more than the rest.
+    assert any(change.kind == "routes" for change in found.verdict.tried)
+    assert "plan around it" not in found.verdict.sentence
 
 
 @pytest.mark.slow
