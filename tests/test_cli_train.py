@@ -117,7 +117,7 @@ def test_an_interrupted_training_can_be_resumed(
             _, stderr = running.communicate(timeout=120)
         finally:
             running.kill()
-    assert running.returncode == status
+    assert running.returncode == status, stderr
     assert "--resume continues" in stderr and "Traceback" not in stderr
     (kept,) = (folder / "out" / "checkpoints").iterdir()
     steps = int(kept.name) + 256

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import holding_interrupts, replacing
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.models import load_model
 from ambinav_envs.training.vec import TrainingEnvs
@@ -62,7 +62,9 @@ def save_checkpoint(
     }
     with replacing(path) as fresh:
         fresh.mkdir()
-        model.save(fresh / MODEL)
+        # Of an interrupt in the middle of it torch makes an error about the file's positions.
+        with holding_interrupts():
+            model.save(fresh / MODEL)
         (fresh / MEMORY).write_bytes(pickle.dumps(memory, protocol=pickle.HIGHEST_PROTOCOL))
         if getattr(model, "replay_buffer", None) is not None:
             model.save_replay_buffer(fresh / REPLAY)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import signal
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from stable_baselines3 import PPO
 
 from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
-from ambinav_envs.training.checkpoints import checkpoints
+from ambinav_envs.training.checkpoints import checkpoints, save_checkpoint
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import load_training_config
 from ambinav_envs.training.models import make_model
@@ -156,6 +157,26 @@ def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_an_interrupt_waits_for_what_torch_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """torch makes another error of it, or ends the process."""
+    envs = TrainingEnvs(tiny())
+    model = make_model(tiny(), envs.outer)
+    save, saved = model.save, []
+
+    def interrupted(path: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        save(path)
+        saved.append(zipfile.is_zipfile(path))
+
+    monkeypatch.setattr(model, "save", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save_checkpoint(tmp_path / "kept", model, envs, {})
+    assert saved == [True] and not list(tmp_path.iterdir())
+    envs.close()
+
+
 def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -> None:
     train(tiny(), tmp_path / "again")
     with (
