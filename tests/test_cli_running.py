@@ -31,6 +31,16 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize("threads", ["0", "-2", "x"])
+def test_a_number_of_threads_that_numba_refuses(
+    threads: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    result = CliRunner().invoke(app, ["plugins"])
+    assert result.exit_code == 2
+    assert f"NUMBA_NUM_THREADS is {threads!r} in the environment" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("begun", "offered"),
     [

@@ -16,6 +16,7 @@ from ambinav.config import (
     MountDegrees,
     Positive,
     Switch,
+    as_arrays,
     check_fields,
     checked,
     choice,
@@ -117,3 +118,15 @@ def test_a_dataclass_checks_its_fields_by_their_annotations(values: Any, message
     with pytest.raises(InputError) as caught:
         from_mapping(Motor, {"power": 1, **values})
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize("bad", [[1.0, 2.0, 3.0], "north", [[1.0], [2.0, 3.0]], {}])
+def test_arrays_that_do_not_match(bad: Any) -> None:
+    with pytest.raises(InputError, match=r"^x and y are no numbers of matching shapes \(.*give"):
+        as_arrays(x=[0.0, 1.0], y=bad)
+
+
+def test_arrays_broadcast() -> None:
+    shape, (x, y, theta) = as_arrays(x=[[1], [2]], y=np.float32([3, 4, 5]), theta=6)
+    assert shape == (2, 3) and x.dtype == y.dtype == theta.dtype == np.float64
+    assert x.shape == (2, 1) and theta.shape == ()

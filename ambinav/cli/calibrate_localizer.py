@@ -204,14 +204,14 @@ def _show(studied: StudiedRoutes, output: Path) -> None:
         ]
         for row in _rows(studied)
     ]  # fmt: skip
-    skill, ceiling = studied.calibration.skill, studied.calibration.ceiling
+    fitted = studied.calibration
     show(table(("scanner", "routes", "lost", "forecast"), rows, left=("scanner",)))
     show(
         "",
         f"Brier skill in {studied.buildings} buildings, each forecast by a fit without it: "
-        f"{skill.value:.2f} [{skill.low:.2f}, {skill.high:.2f}], at most {ceiling:.2f}.",
+        f"{fitted.skill_text}.",
     )
-    if not skill.low > 0.0:
+    if not fitted.skill.low > 0.0:
         show(
             "Forecasts are not shown to be better than the average of all routes; drive more "
             "routes, in buildings and with odometries that lose some of the robots."

@@ -63,4 +63,6 @@ def sensor(
             typer.echo(json.dumps(result, indent=2))
         else:
             typer.echo(fit.report())
-            typer.echo(f"sensor: {output}")
+            typer.echo(
+                f"sensor: {output}; a scanner's file has its lines below `sensor:` of a part"
+            )

@@ -47,7 +47,7 @@ class GraphOptions:
             InputError: there is one.
         """
         for reason, holds in (
-            ("is driven in the space r2", robot.space != "r2"),
+            ("is for --space r2", robot.space != "r2"),
             ("is searched without a planner, and --planner names one", search.planner != AUTO),
             ("is for a single weight, and --pareto plans for many", result.pareto),
             ("has directions of its own, and --one-way is for all free floor", limits.one_way),

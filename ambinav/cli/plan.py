@@ -197,7 +197,6 @@ def plan(
             visited = replace(visited, route=routes[name])
             figures["mission"] = mission_figures(visited)
             lines = [*mission_lines(visited, stops), *lines]
-            stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
         show_routes(routes, search, as_json, output, result.picture, lost, each, figures, lines)
         if promise.wanted:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import sys
 import tempfile
 import time
@@ -45,6 +46,7 @@ def reporting() -> Iterator[None]:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = _Notes()
         try:
+            _check_threads()
             yield
         except InputError as error:
             say(f"ambinav: error: {error}")
@@ -61,6 +63,16 @@ def reporting() -> Iterator[None]:
             traceback.print_exc()
             say(f"ambinav: internal error, please report it: {type(error).__name__}: {error}")
             raise typer.Exit(OUR_FAULT) from None
+
+
+def _check_threads() -> None:
+    """Refuse a number of threads that numba would refuse while it is imported, or pass over."""
+    given = os.environ.get("NUMBA_NUM_THREADS")
+    if given is not None and not (given.isdecimal() and int(given) > 0):
+        raise InputError(
+            f"NUMBA_NUM_THREADS is {given!r} in the environment; give a whole number above zero, "
+            "or unset it."
+        )
 
 
 @contextlib.contextmanager

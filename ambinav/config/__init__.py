@@ -14,7 +14,7 @@ from ambinav.config.model import (
     from_mapping,
     of_mapping,
 )
-from ambinav.config.numbers import as_count, as_degrees, as_number, as_numbers, nearest
+from ambinav.config.numbers import as_arrays, as_count, as_degrees, as_number, as_numbers, nearest
 from ambinav.config.values import (
     Count,
     Degrees,
@@ -48,6 +48,7 @@ __all__ = [
     "Share",
     "Switch",
     "Text",
+    "as_arrays",
     "as_count",
     "as_degrees",
     "as_number",

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ambinav.runtime.errors import InputError
 
@@ -54,6 +55,26 @@ def as_count(value: object, where: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise InputError(f"{where} is {value!r}; give a whole number of at least 1.")
     return int(value)
+
+
+def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+    """Return the shape that some arrays, or numbers, broadcast to, and each of them as float64.
+
+    Args:
+        values: By the names of the arguments that they are.
+
+    Raises:
+        InputError: one is no array of numbers, or their shapes do not match.
+    """
+    try:
+        parts = [np.asarray(value, dtype=np.float64) for value in values.values()]
+        return np.broadcast_shapes(*(part.shape for part in parts)), parts
+    except (TypeError, ValueError) as error:
+        *first, last = values
+        raise InputError(
+            f"{', '.join(first)} and {last} are no numbers of matching shapes ({error}); give "
+            "numbers, or arrays of equal shapes."
+        ) from error
 
 
 def as_degrees(radians: float) -> float:

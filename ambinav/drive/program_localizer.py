@@ -56,6 +56,8 @@ GRACE: Final = 2.0
 """Seconds that a program has to end by itself."""
 BESIDE: Final = 1.0
 """What a number that stands for no echo is above the largest range, metres."""
+SYMMETRIC: Final = 1e-6
+"""Elements of a covariance may be off by this share of the largest one."""
 
 
 def _words(value: Any) -> tuple[str, ...]:
@@ -168,7 +170,17 @@ class ProgramLocalizer:
         sent[np.isnan(ranges)] = None
         answer = self._ask({"odometry": odometry.tolist(), "ranges": sent.tolist()})
         self._mean = self._array(answer, "pose", self._mean.shape)
-        self._covariance = self._array(answer, "covariance", self._covariance.shape)
+        covariance = self._array(answer, "covariance", self._covariance.shape)
+        turned = covariance.transpose(0, 2, 1)
+        least = SYMMETRIC * np.abs(covariance).max(axis=(1, 2), initial=0.0)
+        if (np.abs(covariance - turned).max(axis=(1, 2), initial=0.0) > least).any() or (
+            np.linalg.eigvalsh(covariance)[:, 0] < -least
+        ).any():
+            raise self._failure(
+                "answered a covariance that is not symmetric or has a variance below zero; let it "
+                "give that of x, y and theta, in m and rad"
+            )
+        self._covariance = covariance
         if "used" not in answer:
             return np.ones(len(odometry), dtype=np.bool_)
         return self._array(answer, "used", (len(odometry),)).astype(np.bool_)

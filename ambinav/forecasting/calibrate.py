@@ -71,6 +71,13 @@ class Calibration:
     skill: Interval
     ceiling: float
 
+    @property
+    def skill_text(self) -> str:
+        """The skill with its interval and, if the drives suffice for one, its ceiling."""
+        skill = self.skill
+        most = f", at most {self.ceiling:.2f}" if self.ceiling > 0.0 else ""
+        return f"{skill.value:.2f} [{skill.low:.2f}, {skill.high:.2f}]{most}"
+
 
 def calibrate(
     localizer: LocalizerClass,

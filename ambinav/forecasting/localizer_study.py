@@ -61,12 +61,12 @@ class StudiedRoutes:
     @property
     def localizer(self) -> LocalizerClass:
         """The calibrated class, which says where it comes from."""
-        fitted, skill = self.calibration, self.calibration.skill
+        fitted = self.calibration
         made = (
             f"{datetime.now(UTC):%Y-%m-%d}, ambinav {__version__}: {len(self.routes)} routes with "
             f"{', '.join(dict.fromkeys(self.scanners))} in {self.buildings} buildings, "
             f"{self.routes[0].runs} runs each; Brier skill on buildings left out "
-            f"{skill.value:.2f} [{skill.low:.2f}, {skill.high:.2f}], at most {fitted.ceiling:.2f}"
+            f"{fitted.skill_text}"
         )
         return replace(fitted.localizer, made=made)
 

@@ -20,7 +20,7 @@ from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
 from ambinav.casting.turned import turned
-from ambinav.config import as_number
+from ambinav.config import as_arrays, as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
@@ -266,17 +266,17 @@ class Environment:
         Raises:
             InputError: the radius is negative or not a number.
         """
-        if not radius >= 0.0:
+        if not as_number(radius, "radius") >= 0.0:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
-        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        flat_x, flat_y = xs.flatten(), ys.flatten()
+        shape, parts = as_arrays(x=x, y=y)
+        flat_x, flat_y = (np.broadcast_to(part, shape).flatten() for part in parts)
         if radius > 0.0:
             place, limit = self.collision, radius * (1 + 1e-6) + 1e-9
             inside = place.triangulation.contains(flat_x, flat_y)
             inside &= clearances(place.grid, flat_x, flat_y, limit) >= radius
         else:
             inside = self.triangulation.contains(flat_x, flat_y)
-        return inside.reshape(xs.shape) if xs.ndim else bool(inside[0])
+        return inside.reshape(shape) if shape else bool(inside[0])
 
     @overload
     def clearance(self, x: Scalar, y: Scalar, limit: float = math.inf) -> float: ...
@@ -290,9 +290,10 @@ class Environment:
         self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
     ) -> NDArray[np.float64] | float:
         """Compute the distance from (x, y) to a segment, metres, at most `limit`; broadcast."""
-        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        flat = clearances(self.grid, xs.flatten(), ys.flatten(), min(limit, 1e9))
-        return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
+        shape, parts = as_arrays(x=x, y=y)
+        flat_x, flat_y = (np.broadcast_to(part, shape).flatten() for part in parts)
+        flat = clearances(self.grid, flat_x, flat_y, min(limit, 1e9))
+        return flat.reshape(shape) if shape else float(flat[0])
 
     @overload
     def cast(self, x: Scalar, y: Scalar, angle: Scalar, max_range: float) -> float: ...
@@ -328,7 +329,7 @@ class Environment:
 
         The index is -1 where nothing is hit; both results are arrays.
         """
-        if not max_range > 0.0:
+        if not as_number(max_range, "max_range") > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
         return cast_anywhere(self, self.grid, x, y, angle, float(max_range))
 

@@ -123,6 +123,11 @@ class _Update:
         spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
         before = Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
         after = Frame.of(*Lattice.axes(env, spacing), spacing)
+        if before.around(Frame.of(*Lattice.axes(amap.environment, spacing), spacing)) != before:
+            raise InputError(
+                f"{env.name}: the map is a part of its building and cannot be updated; open it "
+                "without bounds, or build the map of the changed building."
+            )
         body = context.model.robot_radius > 0.0
         return cls(
             amap,

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_arrays
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
@@ -319,20 +320,13 @@ class AmbiguityMap:
         if name not in self._prepared:
             layer_data = self.dataset[name]
             self._prepared[name] = PreparedLayer.of(layer_data, self._free, self._possible)
-        try:
-            poses = np.broadcast_arrays(
-                *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
-            )
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"x, y and theta are no numbers of matching shapes ({error}); give metres, metres "
-                "and radians."
-            ) from error
-        flat = [v.flatten() for v in poses]  # copies: numpy warns of what broadcasting shares
+        shape, parts = as_arrays(x=x, y=y, theta=0.0 if theta is None else theta)
+        # Copies: numpy warns of what broadcasting shares.
+        flat = [np.broadcast_to(part, shape).flatten() for part in parts]
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])
         values = self._prepared[name].at(origin, step, *flat)
-        shaped: Floats = values.reshape(poses[0].shape)
+        shaped: Floats = values.reshape(shape)
         return float(shaped) if shaped.ndim == 0 else shaped
 
     def floor(self, layer: str, heading: str | float = "mean") -> xr.DataArray:

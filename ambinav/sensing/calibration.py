@@ -164,7 +164,7 @@ def _check_enough(values: NDArray[np.float64], source: str, degree: int) -> None
     if distinct <= degree:
         raise InputError(
             f"{source}: {distinct} different true ranges are too few for a bias of degree "
-            f"{degree}; measure at more distances or lower the degree."
+            f"{degree}; measure at more distances."
         )
 
 

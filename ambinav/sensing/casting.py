@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_arrays
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 
@@ -108,12 +109,12 @@ def _poses(
     x: ArrayLike, y: ArrayLike, theta: ArrayLike
 ) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
     """Return the broadcast shape, and the three arguments flattened."""
-    poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
-    flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
+    shape, parts = as_arrays(x=x, y=y, theta=theta)
+    flat = [np.ascontiguousarray(np.broadcast_to(part, shape)).reshape(-1) for part in parts]
     for axis, values in zip(("x", "y", "theta"), flat, strict=True):
         finite = np.isfinite(values)
         if not finite.all():
             raise InputError(
                 f"pose: {axis} is {values[~finite][0]}; give finite metres and radians."
             )
-    return poses[0].shape, flat
+    return shape, flat

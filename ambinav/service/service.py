@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_number
+from ambinav.config import as_arrays, as_number
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -322,8 +322,9 @@ class AmbiguityService:
         if steering is None or steering.kind != FACING:
             self._need_heading(theta0)
             self._need_heading(theta1)
-        shape, ends = _flat(x0, y0, theta0, x1, y1, theta1)
-        for name, end in zip(("x0", "y0", "theta0", "x1", "y1", "theta1"), ends, strict=True):
+        given = {"x0": x0, "y0": y0, "theta0": theta0, "x1": x1, "y1": y1, "theta1": theta1}
+        shape, ends = _flat(**given)
+        for name, end in zip(given, ends, strict=True):
             if not np.isfinite(end).all():
                 raise InputError(f"{name} is not finite; give metres and radians.")
         xa, ya, ta, xb, yb, tb = ends
@@ -335,9 +336,9 @@ class AmbiguityService:
     ) -> tuple[tuple[int, ...], list[Floats]]:
         self._need_heading(theta)
         if theta is not None:
-            return _flat(x, y, theta)
+            return _flat(x=x, y=y, theta=theta)
         # Without headings, pass x in place of zeros: kernels only need finite values.
-        shape, (x, y) = _flat(x, y)
+        shape, (x, y) = _flat(x=x, y=y)
         return shape, [x, y, x]
 
     def _need_heading(self, theta: ArrayLike | None) -> None:
@@ -393,13 +394,12 @@ def _amount(value: float, name: str) -> float:
     return number
 
 
-def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
+def _flat(**values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
     """Return the broadcast shape, and the values flattened; None counts as 0.
 
     What can be read as it is, is not copied: kernels are compiled for arrays that can be written.
     """
-    parts = [np.asarray(0.0 if value is None else value, dtype=np.float64) for value in values]
-    shape = np.broadcast_shapes(*(part.shape for part in parts))
+    shape, parts = as_arrays(**{k: 0.0 if value is None else value for k, value in values.items()})
 
     def row(part: Floats) -> Floats:
         if part.shape == shape and shape and part.flags.c_contiguous and part.flags.carray:

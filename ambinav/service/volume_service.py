@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_number
+from ambinav.config import as_arrays, as_number
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.errors import InputError
@@ -84,9 +84,9 @@ class VolumeService:
         Raises:
             InputError: a height lies outside of the volume.
         """
-        self.volume.check_height(np.asarray(z, dtype=np.float64))
-        places = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, z)))
-        at = [np.array(part).ravel() for part in places]
+        shape, parts = as_arrays(x=x, y=y, z=z)
+        self.volume.check_height(parts[2])
+        at = [np.broadcast_to(part, shape).flatten() for part in parts]
         out = np.empty(len(at[0]))
         # The kernel's third axis is an angle: one turn for all heights.
         turn = (at[2] - self._origin[2]) * self._scales[1] * (2.0 * math.pi / self._free.shape[2])
@@ -94,7 +94,7 @@ class VolumeService:
             0, len(out), at[0], at[1], np.maximum(turn, 0.0), self.density, self._free,
             *self._origin[:2], self._scales[0], math.inf, out,
         )  # fmt: skip
-        return out.reshape(places[0].shape) if places[0].ndim else float(out[0])
+        return out.reshape(shape) if shape else float(out[0])
 
     def near(self, x: float, y: float, z: float) -> float:
         """Return the cost per metre at one point; where it is not free, of the nearest free one."""

@@ -143,11 +143,12 @@ def spec_of(name: object) -> EnvSpec:
             raise InputError(f"the id is {name!r}, but {error}.") from error
     if own in gymnasium.registry:
         return gymnasium.registry[own]
-    known = [
-        other
-        for other, spec in gymnasium.registry.items()
-        if not str(spec.entry_point).startswith("gymnasium.")
-    ]
+    known = []
+    for other, spec in gymnasium.registry.items():
+        # Gymnasium's own are no navigation environments; of some the entry point is a function.
+        entry: object = spec.entry_point
+        if not str(getattr(entry, "__module__", entry)).startswith("gymnasium."):
+            known.append(other)
     raise InputError(f"the id is {name!r}; {nearest(own, known)}.")
 
 

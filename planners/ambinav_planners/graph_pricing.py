@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 JOIN_SPACING = 0.5
 # A route may join the graph at points that are farther away than the nearest by this, metres.
 JOIN_SLACK = 0.5
+# Where an edge is missing, each node is tried with so many of the nearest beyond the gap.
+NEIGHBOURS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +151,33 @@ class PricedGraph:
                 f"a row above {problem.limit.level:g}; allow more, or a higher level."
             )
         parts = [np.flatnonzero(reached[: len(self.graph.xy)]) for reached in (ahead, behind)]
-        apart, nearest = cKDTree(self.graph.xy[parts[1]]).query(self.graph.xy[parts[0]])
-        k = int(apart.argmin())
-        a, b = (self.graph.nodes[n]["id"] for n in (parts[0][k], parts[1][nearest[k]]))
         return (
             f"{source}: its edges do not lead from the start {start} to the goal {goal}: the start "
             f"leads to {len(parts[0])} of {len(self.graph.xy)} nodes, and {len(parts[1])} others "
-            f"lead to the goal ({blocked_text}); "
-            f"add edges, such as from node {a} to node {b}, {apart[k]:.1f} m."
+            f"lead to the goal ({blocked_text}); {self._missing_edge(*parts)}."
+        )
+
+    def _missing_edge(self, ahead: NDArray[np.intp], behind: NDArray[np.intp]) -> str:
+        """Return advice on an edge from a node of the first to one of the second."""
+        xy = self.graph.xy
+        few = min(NEIGHBOURS, len(behind))
+        apart, nearest = (each.reshape(-1) for each in cKDTree(xy[behind]).query(xy[ahead], k=few))
+        order = np.argsort(apart, kind="stable")
+        ends = np.column_stack([np.repeat(ahead, few), behind[nearest]])[order]
+        poses = np.column_stack([xy, np.zeros(len(xy))])
+        free = self._checker.motions_free(*poses[ends.T])
+        if not free.any():
+            (ax, ay), (bx, by) = xy[ends[0]]
+            return (
+                f"from ({ax:g}, {ay:g}) to ({bx:g}, {by:g}), {apart[order[0]]:.1f} m, and between "
+                "other nodes near each other the way is blocked; add nodes that lead around, or "
+                "plan for a smaller robot"
+            )
+        k = int(free.argmax())
+        (a, ax, ay), (b, bx, by) = ((self.graph.nodes[n]["id"], *xy[n]) for n in ends[k])
+        return (
+            f"add edges, such as from node {a} at ({ax:g}, {ay:g}) to node {b} at ({bx:g}, "
+            f"{by:g}), {apart[order[k]]:.1f} m"
         )
 
     def priced(self, weight: float) -> RouteGraph:

@@ -101,6 +101,12 @@ def test_what_it_is_told(tmp_path: Path) -> None:
     assert not folder.exists()
 
 
+# Answers with a covariance of the given rows.
+VARIES = (
+    "import json, sys\n"
+    "for line in sys.stdin:\n"
+    "    print(json.dumps({'pose': 2 * [3 * [0]], 'covariance': 2 * [%s]}), flush=True)"
+)
 SAYS = 'import json, sys\nfor line in sys.stdin:\n    print(json.dumps({"pose": 1}), flush=True)'
 
 
@@ -111,6 +117,8 @@ SAYS = 'import json, sys\nfor line in sys.stdin:\n    print(json.dumps({"pose": 
         ("print('ready', flush=True); input()", "answered ready; let it print one JSON object"),
         ("import time; time.sleep(60)", r"did not answer in 0\.5 s; give it more"),
         (SAYS, "answered no pose of 2 x 3 finite numbers"),
+        (VARIES % "[[1, 0, 0], [0, -1, 0], [0, 0, 1]]", "has a variance below zero"),
+        (VARIES % "[[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]", "that is not symmetric"),
         ("import os, time; os.close(1); time.sleep(9)", "closed its output"),
     ],
 )

@@ -285,6 +285,7 @@ def test_wrappers_that_fail_in_an_episode(ids: None, fault: str, message: str) -
         ("mine/Wrapped-v0", {"poeple": 1}, "mine/Wrapped-v0: .*did you mean people"),
         ("CartPole-v1", {}, "CartPoleEnv, in which there is no NavigationEnv"),
         ("mine/Wraped-v0", {}, "the id is 'mine/Wraped-v0'; did you mean mine/Wrapped-v0"),
+        ("nothing-like-it", {}, "choose from ambinav/"),
         ("nowhere_here:mine/A-v0", {}, "nowhere_here cannot be imported"),
     ],
 )

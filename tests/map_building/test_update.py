@@ -41,6 +41,15 @@ CASES: Mapping[str, tuple[an.RangeScanner, Mapping[str, Any]]] = {
 }
 
 
+def test_a_part_of_a_map_is_not_updated(tmp_path: Path) -> None:
+    env = scenes.room(6.0, 4.0)
+    built(env).save(tmp_path / "map.zarr")
+    part = an.AmbiguityMap.open(tmp_path / "map.zarr", bounds=(1.0, 1.0, 4.0, 3.0))
+    changed = env.edited(add=[Obstacle(shapely.box(2.0, 2.0, 2.5, 2.5))])
+    with pytest.raises(an.InputError, match=r"is a part of its building.*open it without bounds"):
+        part.update(changed)
+
+
 def built(
     env: an.Environment, case: str = "around", layers: tuple[str, ...] = ()
 ) -> an.AmbiguityMap:

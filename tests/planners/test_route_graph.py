@@ -15,6 +15,7 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ambinav import RangeScanner, build_map, environment_from_shapes
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.fronts import pareto
@@ -24,6 +25,7 @@ from ambinav_planners.planning import NotFoundError, RoutePlanner
 from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.limit import longest_bad
 from ambinav_planners.search.reachability import NoPathError
+from tests.planners.conftest import LASER
 
 Edges = Sequence[tuple[int, int]]
 # In the demo's hall: a ring of 20 m that is driven one way round.
@@ -269,7 +271,8 @@ def test_files_that_are_no_collections(tmp_path: Path, text: str) -> None:
 def test_what_does_not_lead_there_is_said(demo: AmbiguityService, ring: RoutePlanner) -> None:
     parts = graph_of((*XY[:2], *XY[2:4]), ((0, 1), (2, 3)))
     with pytest.raises(
-        NotFoundError, match=r"leads to 1 of 4 nodes.*from node 2 to node 3, 4\.0 m"
+        NotFoundError,
+        match=r"leads to 1 of 4 nodes.*from node 2 at \(18, 19\) to node 3 at \(18, 23\), 4\.0 m",
     ):
         RoutePlanner(demo, route_graph=parts).plan((14.0, 19.0), (16.0, 23.0))
     with pytest.raises(NotFoundError, match=r"the goal \(28, 17\) sees no point of an edge"):
@@ -282,3 +285,21 @@ def test_what_does_not_lead_there_is_said(demo: AmbiguityService, ring: RoutePla
         ring.plan((14.0, 19.0), (16.0, 19.0), planner_name="reference")
     with pytest.raises(InputError, match="leave route_graph out"):
         pareto(ring, (14.0, 19.0), (16.0, 19.0))
+
+
+@pytest.mark.parametrize(
+    ("top", "advice"),
+    [
+        (3.4, r"add edges, such as from node 2 at \(2, 3\.4\) to node 4 at \(4, 3\.4\), 2\.0 m"),
+        (2.0, r"from \(2\.4, 1\) to \(3\.6, 1\), 1\.2 m, and .* the way is blocked; add nodes"),
+    ],
+)
+def test_the_edge_that_is_missing_can_be_driven(top: float, advice: str) -> None:
+    """The nearest nodes are on both sides of a wall; the upper ones are above it, or are not."""
+    floor = shapely.box(0.0, 0.0, 6.0, 4.0).difference(shapely.box(2.98, 0.0, 3.02, 2.8))
+    scanner = RangeScanner.planar(sensor=LASER, beams=24, aperture=2.0 * math.pi)
+    amap = build_map(environment_from_shapes([floor]), scanner, spacing=0.2)
+    graph = graph_of(((2.4, 1.0), (2.0, top), (3.6, 1.0), (4.0, top)), ((0, 1), (3, 2)))
+    robot = RoutePlanner(AmbiguityService(amap), footprint=0.15, route_graph=graph)
+    with pytest.raises(NotFoundError, match=advice):
+        robot.plan((2.4, 1.0), (3.6, 1.0))

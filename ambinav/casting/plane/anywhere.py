@@ -9,6 +9,7 @@ from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import cast_rays
 from ambinav.casting.plane.walk import walk_rays
 from ambinav.casting.scene import Scene
+from ambinav.config import as_arrays
 
 
 def cast_anywhere(
@@ -33,8 +34,7 @@ def cast_anywhere(
         Distances in metres, `max_range` where nothing is met and nan for rays that are not finite;
         and indices of the segments, int32, -1 where nothing is met.
     """
-    parts = [np.asarray(part, dtype=np.float64) for part in (x, y, angle)]
-    shape = np.broadcast_shapes(*(part.shape for part in parts))
+    shape, parts = as_arrays(x=x, y=y, angle=angle)
     px, py, direction = (_flat(part, shape) for part in parts)
     finite = np.isfinite(px) & np.isfinite(py) & np.isfinite(direction)
     if not finite.all():

@@ -122,5 +122,6 @@ def _check_free(names: Sequence[Path]) -> None:
     for name in names:
         if name.exists():
             raise InputError(
-                f"{name}: this is there already; choose another output, or give --overwrite."
+                f"{name}: this is there already; choose another output, or give --overwrite "
+                "(overwrite=True in Python)."
             )

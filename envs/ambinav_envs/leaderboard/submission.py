@@ -192,7 +192,9 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
                 "wrote it."
             )
         if record["quick"]:
-            raise InputError(f"{path}: it is a quick trial and no submission; leave --quick out.")
+            raise InputError(
+                f"{path}: it is a quick trial and no submission; submit without --quick."
+            )
         for name in _contradictions(record, frozen):
             raise InputError(f"{path}: {name} contradicts the rest, so the file was changed.")
         reason = computed_by().difference(Provenance(**record["computed_by"]))
@@ -200,8 +202,16 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
         raise
     except OSError as error:
         raise InputError(f"{path}: it cannot be read ({error.strerror}).") from error
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}, line {error.lineno}: this is no valid JSON; get the file again."
+        ) from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: it is no submission ({type(error).__name__}).") from error
+        lacks = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
+        raise InputError(
+            f"{path}: it is no submission ({lacks}); give a file that `ambinav benchmark --submit` "
+            "wrote."
+        ) from error
     if reason is not None:
         warnings.warn(f"{path} was computed by {reason}.", InputWarning, stacklevel=2)
     return record

@@ -244,7 +244,7 @@ def _no_tasks(record: dict[str, Any]) -> None:
         (_no_policy, True, "policies contradicts the rest"),
         (_quick, True, "it is a quick trial and no submission"),
         (_other_version, True, "it is not of the benchmark v1 here"),
-        (_no_tasks, True, "it is no submission"),
+        (_no_tasks, True, r"it is no submission \(tasks is missing\); give a file that"),
     ],
 )
 def test_changes_are_refused(
@@ -259,6 +259,12 @@ def test_changes_are_refused(
     change(changed)
     with pytest.raises(InputError, match=message):
         read_submission(written(changed, tmp_path / "changed.json", sealed=sealed), frozen)
+
+
+def test_what_is_cut_off_is_refused(frozen: FrozenBenchmark, tmp_path: Path) -> None:
+    (tmp_path / "cut.json").write_text('{"format": 1,\n"quick": fal')
+    with pytest.raises(InputError, match=r"cut\.json, line 2: this is no valid JSON"):
+        read_submission(tmp_path / "cut.json", frozen)
 
 
 def test_a_score_that_its_episodes_do_not_give_is_refused(
