@@ -71,14 +71,8 @@ def load_region(path: str | Path) -> BaseGeometry:
         InputError: the file cannot be read, or holds no polygon or anything else.
     """
     path = Path(path)
-    text = read_text(path)
-    shapes = (
-        wkt_items(path, text)
-        if path.suffix.lower() == ".wkt"
-        else geojson_items(f"{path}", geojson_document(path, text), None)
-    )
     polygons = []
-    for item in shapes:
+    for item in _items(path):
         kind = item.geometry.geom_type
         if kind not in POLYGONS:
             raise InputError(f"{item.label}: it is a {kind}; give polygons, which have an area.")
@@ -86,6 +80,36 @@ def load_region(path: str | Path) -> BaseGeometry:
     if not polygons:
         raise InputError(f"{path}: it holds no polygon; draw one, in metres of the map frame.")
     return shapely.union_all(polygons)
+
+
+def load_points(path: str | Path) -> tuple[tuple[float, ...], ...]:
+    """Read the points of a `.geojson`, `.json` or `.wkt` file, map frame, metres.
+
+    Returns:
+        x, y and, if all points have one, z of each; at least one point.
+
+    Raises:
+        InputError: the file cannot be read, or holds no point or anything else.
+    """
+    path = Path(path)
+    points: list[tuple[float, ...]] = []
+    for item in _items(path):
+        kind = item.geometry.geom_type
+        if kind not in POINTS:
+            raise InputError(f"{item.label}: it is a {kind}; give points.")
+        points += map(tuple, shapely.get_coordinates(item.geometry, include_z=True).tolist())
+    if not points:
+        raise InputError(f"{path}: it holds no point; draw one, in metres of the map frame.")
+    have_z = [math.isfinite(point[2]) for point in points]
+    return tuple(points) if all(have_z) else tuple(point[:2] for point in points)
+
+
+def _items(path: Path) -> Iterator[DrawnItem]:
+    """Yield the geometries of a file, of whose features no property is read."""
+    text = read_text(path)
+    if path.suffix.lower() == ".wkt":
+        return wkt_items(path, text)
+    return geojson_items(f"{path}", geojson_document(path, text), None)
 
 
 def geojson_document(path: Path, text: str) -> dict[str, Any]:

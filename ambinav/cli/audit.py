@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
@@ -99,6 +100,7 @@ def audit(
     robot: ReachOptions,
     reported: ReportOptions,
     gate: AuditGate,
+    beacons: BeaconOptions,
     as_json: options.AsJson = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -119,6 +121,7 @@ def audit(
     with reporting(), contextlib.ExitStack() as stack:
         making.check()
         space.check()
+        beacons.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         conditions = gate.conditions(output)
         reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
@@ -126,6 +129,7 @@ def audit(
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
+        beacons.check_suited(environment, chosen)
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 
@@ -133,7 +137,8 @@ def audit(
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         draw = stack.enter_context(drawing())
         with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
-            amap = making.build(environment, chosen, stage("ambiguity")).for_robot(reach)
+            built = making.build(environment, chosen, stage("ambiguity"))
+            amap = beacons.add(built, environment).for_robot(reach)
             report = _examine(
                 amap, environment, chosen, reach, reported, output, conditions, stage, draw
             )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.map_options import BuildingOptions, MapOptions
 from ambinav.cli.running import check_map_output, not_negative, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
@@ -29,6 +30,7 @@ def build(
     space: SpaceOptions,
     tiling: TileOptions,
     flying: VolumeOptions,
+    beacons: BeaconOptions,
     robot_radius: float = 0.0,
     as_json: options.AsJson = False,
 ) -> None:
@@ -53,6 +55,7 @@ def build(
         space.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
         flying.check(space, tiling)
+        beacons.check(heights=flying.heights is not None, tile=tiling.tile is not None)
         tiling.check(output)
         if tiling.tile is None or "://" not in output:
             check_map_output(output)
@@ -64,9 +67,11 @@ def build(
             settings = making.settings(environment, chosen, robot_radius)
             tiling.build(environment, settings, output, as_json)
             return
+        beacons.check_suited(environment, chosen)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)
+            amap = beacons.add(amap, environment)
         seconds = time.perf_counter() - start
         amap.save(output)
         if as_json:

@@ -126,7 +126,7 @@ def layer_variables(
         elif name in layer.high_is_good:
             attrs["better"] = "high"
         if options:
-            attrs["options"] = json.dumps(options, default=str, sort_keys=True)
+            attrs["options"] = json.dumps(options, default=_plain, sort_keys=True)
         key = f"{name}_{summary}" if summary else name
         dims = ("y", "x", "theta")[: values.ndim]
         variables[key] = xr.DataArray(values.astype(np.float32), dims=dims, attrs=attrs)
@@ -140,6 +140,11 @@ def layer_variables(
                 for summary, floor in floors.items():
                     add(name, floor, summary)
     return variables
+
+
+def _plain(value: object) -> object:
+    """Return what JSON has for a value of an option: an array as lists, others as their text."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
 def _summaries(

@@ -21,6 +21,8 @@ measures what a scan is off by across the surface and so is not drawn by grazing
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -114,26 +116,49 @@ def fisher(
         InputError: a number is out of its range, or `incidence` is left out of a building in space.
     """
     place, turn = prior_deviations(context, odometry_std, heading_std)
-    tau = as_number(tau, "tau")
-    if tau < 1.0:
-        raise InputError(f"tau is {tau}; give at least 1.")
-    scanner = context.full_scanner
+    tau = checked_tau(tau)
     if context.environment.space is not None and not incidence:
         raise InputError(
             f"{context.environment.name}: fisher without incidence is known for plans alone; "
             "leave the option out."
         )
+    radii = np.empty((3, len(context.points[0]), len(context.headings)))
+    for h, part, information in scan_informations(context, incidence):
+        radii[:, part, h] = marginal_radii(information / tau, place, turn)
+    major, minor, direction = (context.spread(values) for values in radii)
+    return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
+
+
+def checked_tau(tau: float) -> float:
+    """Return how many beams carry one independent piece of evidence.
+
+    Raises:
+        InputError: fewer than one.
+    """
+    number = as_number(tau, "tau")
+    if number < 1.0:
+        raise InputError(f"tau is {number}; give at least 1.")
+    return number
+
+
+def scan_informations(
+    context: LayerContext, incidence: bool = True
+) -> Iterator[tuple[int, slice, Floats]]:
+    """Yield the Fisher information of a scan at the poses of a map, piece by piece.
+
+    All beams of the scanner count.
+
+    Yields:
+        Number of the heading; which of the poses; and the information there, shape (M, 3, 3).
+    """
+    scanner = context.full_scanner
     cast = ray_caster(context.environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(context.environment, scanner, context.map_std)
-    radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
-            information = _information(poses[part], cast, noise, incidence) / tau
-            radii[:, part, h] = marginal_radii(information, place, turn)
-    major, minor, direction = (context.spread(values) for values in radii)
-    return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
+            yield h, part, _information(poses[part], cast, noise, incidence)
 
 
 def _information(

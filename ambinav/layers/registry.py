@@ -118,6 +118,7 @@ LAYERS: Final = Registry(
         "perturbation": "ambinav.layers.perturbation:LAYER",
         "aliasing": "ambinav.layers.aliasing.layer:LAYER",
         "reflectors": "ambinav.layers.reflectors.layer:LAYER",
+        "beacons": "ambinav.layers.beacons:LAYER",
         "best_yaw": "ambinav.layers.best_yaw:LAYER",
         "best_aperture": "ambinav.layers.best_aperture:LAYER",
         "expected_error": "ambinav.forecasting.steady_layers:EXPECTED_ERROR",
