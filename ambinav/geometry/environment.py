@@ -266,7 +266,7 @@ class Environment:
         Raises:
             InputError: the radius is negative or not a number.
         """
-        if not as_number(radius, "radius") >= 0.0:
+        if not radius >= 0.0:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         shape, parts = as_arrays(x=x, y=y)
         flat_x, flat_y = (np.broadcast_to(part, shape).flatten() for part in parts)
@@ -329,7 +329,7 @@ class Environment:
 
         The index is -1 where nothing is hit; both results are arrays.
         """
-        if not as_number(max_range, "max_range") > 0.0:
+        if not max_range > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
         return cast_anywhere(self, self.grid, x, y, angle, float(max_range))
 

@@ -139,7 +139,11 @@ def test_audit_command(folder: Path) -> None:
     ("scanner", "names", "message"),
     [
         ("laser.yaml", "fishr", "there is no layer 'fishr'; did you mean fisher"),
-        ("laser.yaml", "fisher,", "there is no layer ''; choose from aliasing, best_aperture, "),
+        (
+            "laser.yaml",
+            "fisher,",
+            "there is no layer ''; choose from aliasing, beacons, best_aperture, ",
+        ),
         (
             "sonar.yaml",
             "fisher,wall_normals",
