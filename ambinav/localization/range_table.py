@@ -113,7 +113,7 @@ def _cast(
     if size > MOST_BYTES:
         raise InputError(
             f"beam_table_resolution is {resolution:g}, which makes a table of {size / 1e9:.1f} GB "
-            f"for {environment.name!r}; give a coarser one, or 0 for none."
+            f"for {environment.name!r}; give the localizer a coarser one, or 0 for none."
         )
     x, y = lattice.x[columns], lattice.y[rows]
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)

@@ -55,13 +55,18 @@ def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, A
     Returns:
         Nothing for level scanners without cones. With cones those of `CONE_PRODUCT`; of a chosen
         "beam" those of `CONE_RAYS`, and of a chosen likelihood field nothing: it is AMCL's own. Of
-        lasers that look up or down those of `LAYERS_PRODUCT`, if no model is chosen.
+        lasers that look up or down those of `LAYERS_PRODUCT`, if no model is chosen; beside cones
+        their rays are cast too.
     """
     if not has_cones(scanner):
         return dict(LAYERS_PRODUCT) if model is None and not scanner.level else {}
     if model in FIELDS:
         return {}
-    return dict(CONE_RAYS if model == "beam" else CONE_PRODUCT)
+    settings = dict(CONE_RAYS if model == "beam" else CONE_PRODUCT)
+    if not scanner.level and any(sensor.aperture == 0.0 for sensor in scanner.sensors):
+        # A table for each elevation would not fit into memory.
+        settings["beam_table_resolution"] = 0.0
+    return settings
 
 
 def unsuited(model: str, scanner: RangeScanner) -> str | None:

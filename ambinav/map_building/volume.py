@@ -75,7 +75,9 @@ def build_volume(
         scanner = RangeScanner.load(scanner)
     lift = max(_OVER - float(scanner.upright[:, 0].min()), 0.0)
     raised = scanner.raised(lift) if lift else scanner
-    settings = {"map_std": env.map_std, **settings}
+    if settings.get("map_std") is None:
+        # That of the building: cut at a height it is one of unknown origin.
+        settings = {**settings, "map_std": env.map_std}
     made = []
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
         floors = flight_levels(env, levels.tolist(), robot_radius, drop=lift)

@@ -103,6 +103,24 @@ class VolumeService:
         u, v, w = (x - left) * inverse, (y - low) * inverse, (z - bottom) * inverse_z
         return float(value_at(u, v, min(max(w, 0.0), self._free.shape[2] - 1.0), self.density))
 
+    def _check_inside(self, points: NDArray[np.float64]) -> None:
+        """Check that points, shape (N, 3), lie over the volume's cells.
+
+        Raises:
+            InputError: one does not.
+        """
+        half = 0.5 * self.volume.spacing
+        x, y = (self.volume.dataset[axis].values for axis in ("x", "y"))
+        low, high = np.array([x[0], y[0]]) - half, np.array([x[-1], y[-1]]) + half
+        outside = ((points[:, :2] < low) | (points[:, :2] > high)).any(axis=1)
+        if outside.any():
+            px, py, _ = points[outside][0]
+            raise InputError(
+                f"({px:g}, {py:g}) lies outside of {self.volume.source}, which covers x from "
+                f"{low[0]:g} to {high[0]:g} m and y from {low[1]:g} to {high[1]:g} m; give points "
+                "within it."
+            )
+
     @property
     def kernel_arrays(self) -> tuple[NDArray[np.float32], float, float, float, float, float]:
         """Arguments of `ambinav.service.motion.integral_in_space` behind the two ends."""
@@ -115,11 +133,12 @@ class VolumeService:
             points: x, y, z, shape (N, 3), metres.
 
         Raises:
-            InputError: they are not of that shape or not finite, or leave the volume's heights.
+            InputError: they are not of that shape or not finite, or leave the volume.
         """
         route = np.ascontiguousarray(points, dtype=np.float64)
         if route.ndim != 2 or route.shape[1] != 3 or not np.isfinite(route).all():
             raise InputError("points are not rows of three finite numbers; give x, y, z in metres.")
         self.volume.check_height(route[:, 2])
+        self._check_inside(route)
         arrays = self.kernel_arrays
         return float(sum(integral_in_space(*a, *b, *arrays) for a, b in itertools.pairwise(route)))

@@ -274,3 +274,13 @@ def test_bad_input_is_refused() -> None:
     ):
         with pytest.raises(InputError, match=message):
             ReflectorRules(**options)
+
+
+def test_a_strip_that_branches_is_one_reflector() -> None:
+    """As where a flat tag runs in and out of a round wall's corners."""
+    strip = [(2.0, 0.0), (2.2, 0.0), (2.4, 0.0)]
+    stub = [(2.2, 0.0), (2.2, 0.1)]
+    lines = [*itertools.pairwise(strip), stub, [(5.0, 0.0), (5.3, 0.0)]]
+    building = an.environment_from_shapes([[(0, 0), (8, 0), (8, 6), (0, 6)]], reflectors=lines)
+    targets = Targets.of(building)
+    assert len(targets) == 2 and targets.first[-1] == len(targets.edges)

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from ambinav.localization.parameters import MclParameters
+from ambinav.localization.scanner_settings import settings_for
 from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
 
 # Declared in nav2_amcl/src/amcl_node.cpp.
 AMCL = {
@@ -61,3 +63,11 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         MclParameters.from_dict({"max_particels": 100})
     with pytest.raises(InputError, match="did you mean likelihood_field"):
         MclParameters(laser_model_type="likelihod_field")
+
+
+def test_lasers_that_look_up_beside_cones_have_no_table() -> None:
+    """A table for each elevation of a depth camera takes gigabytes."""
+    for name, wanted in (("service-robot", 0.0), ("polaroid-6500-ring", 0.1)):
+        scanner = RangeScanner.from_preset(name)
+        for settings in (settings_for(scanner), settings_for(scanner, "beam")):
+            assert settings["beam_table_resolution"] == wanted

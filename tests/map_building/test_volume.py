@@ -116,3 +116,13 @@ def test_heights_of_no_use(heights: tuple[float, ...], message: str) -> None:
 def test_a_plan_has_no_heights() -> None:
     with pytest.raises(InputError, match="it is a plan, without heights; give a building in space"):
         build_volume(room().plan, SCANNER, HEIGHTS, store=False)
+
+
+def test_without_map_std_it_is_that_of_the_building() -> None:
+    """The command gives None where nothing is given; a floor at a height has another default."""
+    env = room()
+    given = {"heights": HEIGHTS, "spacing": 0.5, "robot_radius": 0.15, "store": False}
+    volumes = [build_volume(env, SCANNER, **given, **more) for more in ({}, {"map_std": None})]
+    np.testing.assert_array_equal(*(volume.dataset["level"].values for volume in volumes))
+    named = build_volume(env, SCANNER, **given, map_std=env.map_std)
+    np.testing.assert_array_equal(volumes[0].dataset["level"].values, named.dataset["level"].values)

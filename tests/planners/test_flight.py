@@ -221,3 +221,8 @@ def test_what_is_no_file_of_a_flight(
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message):
         load_flight(tmp_path / name, VolumeService(volume))
+
+
+def test_a_route_outside_of_the_volume_has_no_cost(robot: FlightPlanner) -> None:
+    with pytest.raises(InputError, match=r"\(500, 2\) lies outside of .*give points within it"):
+        robot.service.route_cost([START, (500.0, 2.0, 1.0)])

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
@@ -38,7 +40,24 @@ class Targets:
         """Return the reflectors of a building; segments that touch are one reflector."""
         segments = environment.segments
         lines = shapely.linestrings(segments.xy[segments.reflectors].reshape(-1, 2, 2))
-        return cls.of_outlines(shapely.get_parts(shapely.line_merge(shapely.union_all(lines))))
+        merged = shapely.get_parts(shapely.line_merge(shapely.union_all(lines)))
+        return cls._of_pieces(merged, _touching(merged))
+
+    @classmethod
+    def _of_pieces(cls, pieces: NDArray[np.object_], group: NDArray[np.intp]) -> Targets:
+        """Return reflectors of lines, of which those with one number are one reflector."""
+        edges, middle = [], []
+        for number in range(group.max(initial=-1) + 1):
+            own = pieces[group == number]
+            corners = [shapely.get_coordinates(piece) for piece in own]
+            edges.append(np.concatenate([np.hstack([xy[:-1], xy[1:]]) for xy in corners]))
+            centre = shapely.centroid(shapely.geometrycollections(own))
+            middle.append(shapely.get_coordinates(centre)[0])
+        return cls(
+            np.array(middle, dtype=np.float64).reshape(-1, 2),
+            np.ascontiguousarray(_joined(edges), dtype=np.float64),
+            np.cumsum([0, *map(len, edges)], dtype=np.int64),
+        )
 
     @classmethod
     def of_outlines(cls, outlines: Sequence[BaseGeometry] | NDArray[np.object_]) -> Targets:
@@ -69,6 +88,15 @@ class Targets:
             _joined(edges),
             np.cumsum([0, *map(len, edges)], dtype=np.int64),
         )
+
+
+def _touching(pieces: NDArray[np.object_]) -> NDArray[np.intp]:
+    """Return the group of each line, from 0 on; lines that touch are of one."""
+    first, second = shapely.STRtree(pieces).query(pieces, predicate="intersects")
+    size = len(pieces)
+    links = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+    _, group = connected_components(links, directed=False)
+    return np.asarray(group, dtype=np.intp)
 
 
 def _joined(edges: Iterable[Floats]) -> Floats:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Final
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
@@ -14,13 +16,16 @@ from ambinav.layers.registry import check_known
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plugins import load_module
 from ambinav.routes.route import Route
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.studies.compare.external_routes import measured, policy_route, saved_route
 from ambinav.studies.compare.route_part import GIVEN, RoutePart
 from ambinav.studies.compare.scenario_file import ScenarioBundle
 from ambinav.studies.compare.scenario_schema import PairPart
+
+DEARER: Final = 0.02
+"""Share by which a route may cost more than another of its pair before it is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +102,31 @@ def make_plans(
             plans.append(_plan(loaded, amap, pair, part))
         if progress is not None:
             progress((done + 1) / len(wanted))
+    for pair in loaded.scenario.pairs:
+        _note_dearer(loaded, amap, pair, [plan for plan in plans if plan.pair == pair.name])
     return tuple(plans)
+
+
+def _note_dearer(
+    loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, plans: list[Plan]
+) -> None:
+    """Warn of planned routes that cost more, by their own cost, than another of the pair."""
+    steering = loaded.scenario.planning.steering
+    parts = {part.name: part for part in loaded.scenario.routes if part.kind not in GIVEN}
+    planned = {plan.name: plan.route.poses for plan in plans if plan.name in parts}
+    for name in planned:
+        service = _service(loaded, amap, parts[name])
+        costs = {other: service.route_cost(poses, steering) for other, poses in planned.items()}
+        best = min(costs, key=lambda other: costs[other])
+        planner = _planner(loaded, parts[name])
+        if costs[name] > (1.0 + DEARER) * costs[best]:
+            warnings.warn(
+                f"pair {pair.name!r}, route {name!r}: it costs {costs[name]:.1f}, and the route "
+                f"{best!r} only {costs[best]:.1f} by the same cost: {planner} found "
+                "no better one; give it more iterations, or the planner reference.",
+                InputWarning,
+                stacklevel=3,
+            )
 
 
 def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
@@ -155,15 +184,8 @@ def _check_planned(
 def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
     """Plan a route without a time limit, so that the result is reproducible."""
     common = loaded.scenario.planning
-    service = AmbiguityService(
-        amap,
-        loaded.scenario.map.layer,
-        0.0 if part.kind in ("shortest", "clearance") else part.weight,
-        clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
-        comfort=part.comfort,
-    )
     route: Route = _import_planners().plan_route(
-        service,
+        _service(loaded, amap, part),
         pair.start,
         pair.goal,
         planner_name=_planner(loaded, part),
@@ -175,6 +197,17 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
         seed=common.seed if part.seed is None else part.seed,
     )
     return route
+
+
+def _service(loaded: ScenarioBundle, amap: AmbiguityMap, part: RoutePart) -> AmbiguityService:
+    """Return the service of the cost that a route is planned for."""
+    return AmbiguityService(
+        amap,
+        loaded.scenario.map.layer,
+        0.0 if part.kind in ("shortest", "clearance") else part.weight,
+        clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
+        comfort=part.comfort,
+    )
 
 
 def _import_planners() -> ModuleType:

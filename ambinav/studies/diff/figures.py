@@ -9,6 +9,7 @@ from typing import Final
 from ambinav.maps.zones import ZONES
 from ambinav.reports.conditions import Quantities, Quantity, catalogue
 from ambinav.studies.diff.document import Document, LevelPart, ZonePart
+from ambinav.studies.diff.provenance import FILE
 from ambinav.studies.diff.regions import NOTABLE
 
 _NO_LEVEL = "because no floor counts in both maps; give two maps of one building"
@@ -120,8 +121,9 @@ QUANTITIES: Final[Quantities] = catalogue(
         lambda report: report.walls.gone_m,
     ),
     Quantity(
-        "differing parameters", "", "number of parameters that differ, versions included",
-        lambda report: float(len(report.parameters)),
+        "differing parameters", "",
+        "number of parameters that differ, versions included, the building's file not",
+        lambda report: float(sum(part.name not in FILE for part in report.parameters)),
     ),
     Quantity(
         "differing layers", "", "number of layers that only one of the maps has",

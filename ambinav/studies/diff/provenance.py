@@ -14,7 +14,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.pages import cell
 
 _PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
-_FILE: Final = ("environment", "environment_sha256")
+FILE: Final = ("environment", "environment_sha256")
 """Attributes that name the file of a building."""
 _BUILDING: Final = frozenset({"segments", "segment_kind", "floor", "drivable", "space"})
 """Variables that hold the building: walls and outlines."""
@@ -46,7 +46,7 @@ def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Dif
     """
     ours, theirs = (dict(_parameters(amap.dataset.attrs)) for amap in (first, second))
     if same_content(first, second, _BUILDING):
-        for name in _FILE:
+        for name in FILE:
             ours.pop(name), theirs.pop(name)
     return tuple(
         Differing(name, _text(ours, name), _text(theirs, name))

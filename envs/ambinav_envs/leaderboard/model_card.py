@@ -60,12 +60,12 @@ class Judged:
         return float(np.std(self.rewards))
 
 
-def read_judged(folder: Path, name: str) -> Judged:
+def read_judged(folder: Path, policy_file: Path) -> Judged:
     """Read an evaluation.
 
     Args:
         folder: Folder that `ambinav evaluate` wrote.
-        name: Name of the policy that it must belong to.
+        policy_file: The policy that it must belong to.
 
     Raises:
         InputError: a file is missing or damaged, or it is of another policy.
@@ -74,7 +74,8 @@ def read_judged(folder: Path, name: str) -> Judged:
     for needed in (path, table):
         if not needed.is_file():
             raise InputError(
-                f"{needed}: there is no such file; run: ambinav evaluate {name} -o {folder}."
+                f"{needed}: there is no such file; run: ambinav evaluate {policy_file} -o DIR, "
+                "and give that folder."
             )
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
@@ -97,8 +98,8 @@ def read_judged(folder: Path, name: str) -> Judged:
             f"{folder}: evaluation.json and episodes.csv are not of one evaluation; evaluate the "
             "policy again."
         )
-    if policy != name:
-        raise InputError(f"{folder}: this is an evaluation of {policy}, not of {name}.")
+    if policy != policy_file.stem:
+        raise InputError(f"{folder}: this is an evaluation of {policy}, not of {policy_file.stem}.")
     return Judged(record, rewards)
 
 
@@ -244,7 +245,7 @@ def write_model_card(path: Path, evaluation: Path, folder: Path) -> Path:
         InputError: the policy or the evaluation cannot be read, or nothing can be written.
     """
     card, name = read_card(path), path.stem
-    judged = read_judged(evaluation, name)
+    judged = read_judged(evaluation, path)
     results = {
         "mean_reward": judged.mean,
         "std_reward": judged.deviation,

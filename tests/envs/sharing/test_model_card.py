@@ -65,7 +65,7 @@ def front_of(text: str) -> dict[str, Any]:
 
 
 def test_the_front_matter_is_that_of_stable_baselines(card: Card, tmp_path: Path) -> None:
-    text = model_card(NAME, card, read_judged(evaluated(tmp_path), NAME))
+    text = model_card(NAME, card, read_judged(evaluated(tmp_path), Path(NAME)))
     front = front_of(text)
     assert front["library_name"] == "stable-baselines3"
     tags = {"ambinav/Procedural-v1", "deep-reinforcement-learning", "reinforcement-learning"}
@@ -88,7 +88,7 @@ def test_the_front_matter_is_that_of_stable_baselines(card: Card, tmp_path: Path
 
 def test_the_hub_reads_it(card: Card, tmp_path: Path) -> None:
     hub = pytest.importorskip("huggingface_hub")
-    read = hub.ModelCard(model_card(NAME, card, read_judged(evaluated(tmp_path), NAME)))
+    read = hub.ModelCard(model_card(NAME, card, read_judged(evaluated(tmp_path), Path(NAME))))
     assert read.data.library_name == "stable-baselines3"
     found = {one.metric_type: one.metric_value for one in read.data.eval_results}
     assert found["arrived_percent"] == 66.7 and "+/-" in found["mean_reward"]
@@ -107,7 +107,7 @@ def test_the_hub_reads_it(card: Card, tmp_path: Path) -> None:
 def test_where_it_was_judged(
     environment: dict[str, Any], judged: tuple[str, str] | None, card: Card, tmp_path: Path
 ) -> None:
-    text = model_card(NAME, card, read_judged(evaluated(tmp_path, **environment), NAME))
+    text = model_card(NAME, card, read_judged(evaluated(tmp_path, **environment), Path(NAME)))
     dataset = front_of(text)["model-index"][0]["results"][0]["dataset"]
     wanted = judged or ('ambinav/Navigation-v1, map it\'s "mine".yaml', "ambinav/Navigation-v1")
     assert (dataset["name"], dataset["type"]) == wanted

@@ -6,6 +6,7 @@ import itertools
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.information_field import InformationField
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputWarning
+from ambinav.studies.compare import plans as plans_module
 from ambinav.studies.compare.plans import make_plans
 from ambinav.studies.compare.scenario_file import load_scenario
 from ambinav_planners.belief.model import BeliefModel
@@ -115,3 +118,22 @@ def test_the_comparison_needs_no_planners_to_be_imported() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_route_that_costs_more_than_another_is_named(
+    scenario: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario["routes"] = ["shortest", "ambiguity"]
+    loaded = load_scenario(write(tmp_path, scenario))
+    amap = build_map(loaded.environment, loaded.scanner, spacing=0.2)
+    pair, (shortest, ambiguity) = loaded.scenario.pairs[0], loaded.scenario.routes
+    straight = plans_module._planned(loaded, amap, pair, shortest)
+    middle = straight.poses.copy()
+    there_and_back = np.concatenate([middle, middle[-2::-1], middle[1:]])
+    detour = replace(straight, poses=there_and_back)
+    monkeypatch.setattr(
+        plans_module, "_planned",
+        lambda *given: detour if given[3] is ambiguity else straight,
+    )  # fmt: skip
+    with pytest.warns(InputWarning, match=r"route 'ambiguity': it costs .* 'shortest' only"):
+        make_plans(loaded, amap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from ambinav.cli import app
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.studies.diff.figures import QUANTITIES
 from tests.maps import synthetic
 from tests.studies.diff.test_difference import block, set_cells
 from tests.test_cli import PLAN, SCANNER
@@ -85,6 +87,13 @@ def test_json_is_the_document_and_nothing_else(folder):
     report = json.loads(result.stdout)
     assert len(report["regions"]) == 1 and report["regions_in_all"] == 2
     assert not (folder / "out").exists()
+
+
+def test_the_file_of_a_building_is_no_parameter_of_a_gate():
+    names = ("environment", "environment_sha256", "parameters.spacing")
+    report = SimpleNamespace(parameters=[SimpleNamespace(name=name) for name in names])
+    (count,) = [each.read for each in QUANTITIES.values() if each.name == "differing parameters"]
+    assert count(report) == 1.0
 
 
 def test_identical_maps_say_so(folder):
