@@ -41,30 +41,16 @@ class Targets:
         segments = environment.segments
         lines = shapely.linestrings(segments.xy[segments.reflectors].reshape(-1, 2, 2))
         merged = shapely.get_parts(shapely.line_merge(shapely.union_all(lines)))
-        return cls._of_pieces(merged, _touching(merged))
-
-    @classmethod
-    def _of_pieces(cls, pieces: NDArray[np.object_], group: NDArray[np.intp]) -> Targets:
-        """Return reflectors of lines, of which those with one number are one reflector."""
-        edges, middle = [], []
-        for number in range(group.max(initial=-1) + 1):
-            own = pieces[group == number]
-            corners = [shapely.get_coordinates(piece) for piece in own]
-            edges.append(np.concatenate([np.hstack([xy[:-1], xy[1:]]) for xy in corners]))
-            centre = shapely.centroid(shapely.geometrycollections(own))
-            middle.append(shapely.get_coordinates(centre)[0])
-        return cls(
-            np.array(middle, dtype=np.float64).reshape(-1, 2),
-            np.ascontiguousarray(_joined(edges), dtype=np.float64),
-            np.cumsum([0, *map(len, edges)], dtype=np.int64),
+        group = _touching(merged)
+        return cls.of_outlines(
+            [shapely.multilinestrings(merged[group == k]) for k in range(group.max(initial=-1) + 1)]
         )
 
     @classmethod
     def of_outlines(cls, outlines: Sequence[BaseGeometry] | NDArray[np.object_]) -> Targets:
         """Return reflectors of these outlines, lines or polygons."""
-        corners = [shapely.get_coordinates(outline) for outline in outlines]
         middle = [shapely.get_coordinates(shapely.centroid(outline))[0] for outline in outlines]
-        edges = [np.hstack([xy[:-1], xy[1:]]) for xy in corners]
+        edges = [_joined(map(_edges, shapely.get_parts(outline))) for outline in outlines]
         return cls(
             np.array(middle, dtype=np.float64).reshape(-1, 2),
             np.ascontiguousarray(_joined(edges), dtype=np.float64),
@@ -97,6 +83,12 @@ def _touching(pieces: NDArray[np.object_]) -> NDArray[np.intp]:
     links = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
     _, group = connected_components(links, directed=False)
     return np.asarray(group, dtype=np.intp)
+
+
+def _edges(part: BaseGeometry) -> Floats:
+    """Return the edges of a line or a polygon, shape (E, 4), metres."""
+    corners = shapely.get_coordinates(part)
+    return np.hstack([corners[:-1], corners[1:]])
 
 
 def _joined(edges: Iterable[Floats]) -> Floats:

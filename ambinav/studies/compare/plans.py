@@ -24,8 +24,10 @@ from ambinav.studies.compare.route_part import GIVEN, RoutePart
 from ambinav.studies.compare.scenario_file import ScenarioBundle
 from ambinav.studies.compare.scenario_schema import PairPart
 
+CHEAPEST: Final = ("shortest", "clearance", "ambiguity")
+"""Kinds of routes that are planned for the least cost alone, by whatever planner."""
 DEARER: Final = 0.02
-"""Share by which a route may cost more than another of its pair before it is said."""
+"""They are named if they cost more than another of their pair by more than this share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,10 @@ def _note_dearer(
     steering = loaded.scenario.planning.steering
     parts = {part.name: part for part in loaded.scenario.routes if part.kind not in GIVEN}
     planned = {plan.name: plan.route.poses for plan in plans if plan.name in parts}
+    remedy = ", or the planner reference" if steering.space == "r2" else ""
     for name in planned:
+        if parts[name].kind not in CHEAPEST:
+            continue
         service = _service(loaded, amap, parts[name])
         costs = {other: service.route_cost(poses, steering) for other, poses in planned.items()}
         best = min(costs, key=lambda other: costs[other])
@@ -123,7 +128,7 @@ def _note_dearer(
             warnings.warn(
                 f"pair {pair.name!r}, route {name!r}: it costs {costs[name]:.1f}, and the route "
                 f"{best!r} only {costs[best]:.1f} by the same cost: {planner} found "
-                "no better one; give it more iterations, or the planner reference.",
+                f"no better one; give it more iterations{remedy}.",
                 InputWarning,
                 stacklevel=3,
             )

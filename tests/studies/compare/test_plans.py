@@ -137,3 +137,20 @@ def test_a_route_that_costs_more_than_another_is_named(
     )  # fmt: skip
     with pytest.warns(InputWarning, match=r"route 'ambiguity': it costs .* 'shortest' only"):
         make_plans(loaded, amap)
+
+
+def test_a_belief_route_may_cost_more(
+    scenario: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not planned for the least cost."""
+    scenario["routes"] = ["shortest", "belief"]
+    loaded = load_scenario(write(tmp_path, scenario))
+    amap = build_map(loaded.environment, loaded.scanner, spacing=0.2)
+    pair, (shortest, belief) = loaded.scenario.pairs[0], loaded.scenario.routes
+    straight = plans_module._planned(loaded, amap, pair, shortest)
+    poses = np.concatenate([straight.poses, straight.poses[-2::-1], straight.poses[1:]])
+    detour = replace(straight, poses=poses)
+    monkeypatch.setattr(
+        plans_module, "_planned", lambda *given: detour if given[3] is belief else straight
+    )
+    assert len(make_plans(loaded, amap)) == 2  # warnings are errors
