@@ -23,6 +23,7 @@ from tests.geometry import scenes
 
 LASER = an.RangeSensor(max_range=1.0, std=0.02, resolution=0.001)
 AROUND = an.RangeScanner.planar(LASER, 16, 2 * math.pi)
+DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 CORNERS = ((0.0, 0.0), (8.0, 0.0), (8.0, 6.0), (0.0, 6.0))
 PLACES = st.tuples(st.floats(1.0, 7.0), st.floats(1.0, 5.0))
 
@@ -93,9 +94,41 @@ def test_a_range_from_right_below_says_nothing(hall: an.Environment) -> None:
     assert seen.all() and not information.any()
 
 
-def test_a_beacon_on_a_wall_is_in_view(hall: an.Environment) -> None:
-    for x in (-0.05, 0.0, 0.05):
-        assert range_information(hall, 4.0, 3.0, [(x, 3.0)])[1].all()
+@pytest.mark.parametrize("x", [3.9, 3.96, 4.0, 4.04, 4.1])
+def test_a_beacon_on_a_thin_wall_is_in_view_from_its_side_alone(x: float) -> None:
+    wall = shapely.box(3.95, 0.0, 4.05, 6.0)
+    env = an.environment_from_shapes([shapely.box(0.0, 0.0, 8.0, 6.0).difference(wall)])
+    rng = np.random.default_rng(2)
+    left = np.column_stack([rng.uniform(0.1, 3.8, 300), rng.uniform(0.1, 5.9, 300)])
+    right = np.column_stack([8.0 - left[:, 0], left[:, 1]])
+    for side, wanted in ((left, x < 4.0), (right, x > 4.0)):
+        seen = range_information(env, *side.T, [(x, 3.0)])[1]
+        assert seen.all() == wanted == seen.any() or x == 4.0
+
+
+def test_a_beacon_deep_in_a_wall_or_outside_is_named(hall: an.Environment) -> None:
+    for place in ((-0.2, 3.0), (20.0, 20.0)):
+        with pytest.warns(an.InputWarning, match="within a wall or outside of .*move it to"):
+            assert not range_information(hall, 4.0, 3.0, [place])[1].any()
+    assert range_information(hall, 4.0, 3.0, [(-0.05, 3.0)])[1].all()
+
+
+def test_a_demo_beacon_is_in_view_as_by_straight_lines() -> None:
+    """All cells of a building with slanted and round walls, against shapely."""
+    env = an.load_environment(DEMO)
+    x, y = (
+        axis.ravel()
+        for axis in np.meshgrid(np.arange(0.317, 44.0, 1.1), np.arange(0.329, 28.0, 0.9))
+    )
+    inside = env.is_free(x, y)
+    x, y = x[inside], y[inside]
+    at = [(10.2, 17.2), (29.8, 17.2), (38.0, 24.0)]
+    seen = range_information(env, x, y, at, max_range=100.0)[1]
+    for k, beacon in enumerate(at):
+        lines = shapely.linestrings([[place, beacon] for place in zip(x, y, strict=True)])
+        wanted = shapely.covers(env.free.buffer(1e-9), lines)
+        assert (seen[:, k] == wanted).all()
+        assert 20 < wanted.sum() < len(x)
 
 
 def test_an_updated_map_has_the_layer_of_a_new_one(hall: an.Environment) -> None:
