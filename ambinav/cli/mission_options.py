@@ -79,11 +79,18 @@ class MissionOptions:
 
 
 def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:
-    """Return what is printed of a mission: stops in their order with their metres, and the goal."""
+    """Return what is printed of a mission: stops with their metres, and the goal.
+
+    Args:
+        visited: The mission's route.
+        stops: Its stops in the order of the visit, by which pictures number them too.
+    """
     route = visited.route
     lines = [
-        f"stop {k + 1} at ({stops[k][0]:g}, {stops[k][1]:g}) m: after {metres:.1f} m, {stamp:.1f} s"
-        for k, metres, stamp in zip(visited.order, visited.arrivals, _stamps(visited), strict=True)
+        f"stop {k} at ({x:g}, {y:g}) m: after {metres:.1f} m, {stamp:.1f} s"
+        for k, ((x, y), metres, stamp) in enumerate(
+            zip(stops, visited.arrivals, _stamps(visited), strict=True), start=1
+        )
     ]
     (x, y, _), seconds = route.goal, route.duration or 0.0
     lines.append(f"goal at ({x:g}, {y:g}) m: after {route.length:.1f} m, {seconds:.1f} s")

@@ -196,6 +196,7 @@ def plan(
         if visited is not None and mission.wanted:
             visited = replace(visited, route=routes[name])
             figures["mission"] = mission_figures(visited)
+            stops = [stops[k] for k in visited.order]
             lines = [*mission_lines(visited, stops), *lines]
         write_routes(planner, routes, output, result.picture, stops)
         show_routes(routes, search, as_json, output, result.picture, lost, each, figures, lines)

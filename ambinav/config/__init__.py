@@ -14,7 +14,15 @@ from ambinav.config.model import (
     from_mapping,
     of_mapping,
 )
-from ambinav.config.numbers import as_arrays, as_count, as_degrees, as_number, as_numbers, nearest
+from ambinav.config.numbers import (
+    as_arrays,
+    as_count,
+    as_degrees,
+    as_flat,
+    as_number,
+    as_numbers,
+    nearest,
+)
 from ambinav.config.values import (
     Count,
     Degrees,
@@ -51,6 +59,7 @@ __all__ = [
     "as_arrays",
     "as_count",
     "as_degrees",
+    "as_flat",
     "as_number",
     "as_numbers",
     "check_fields",

@@ -77,6 +77,15 @@ def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.flo
         ) from error
 
 
+def as_flat(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+    """Return the shape that some arrays, or numbers, broadcast to, and a flat copy of each.
+
+    Copies, for numpy warns of writing to what broadcasting shares. Raises as `as_arrays` does.
+    """
+    shape, parts = as_arrays(**values)
+    return shape, [np.broadcast_to(part, shape).flatten() for part in parts]
+
+
 def as_degrees(radians: float) -> float:
     """Return the shortest degrees that read back as exactly these radians, if there are any."""
     degrees = math.degrees(radians)

@@ -20,7 +20,7 @@ from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
 from ambinav.casting.turned import turned
-from ambinav.config import as_arrays, as_number
+from ambinav.config import as_flat, as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
@@ -268,8 +268,7 @@ class Environment:
         """
         if not radius >= 0.0:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
-        shape, parts = as_arrays(x=x, y=y)
-        flat_x, flat_y = (np.broadcast_to(part, shape).flatten() for part in parts)
+        shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         if radius > 0.0:
             place, limit = self.collision, radius * (1 + 1e-6) + 1e-9
             inside = place.triangulation.contains(flat_x, flat_y)
@@ -290,8 +289,7 @@ class Environment:
         self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
     ) -> NDArray[np.float64] | float:
         """Compute the distance from (x, y) to a segment, metres, at most `limit`; broadcast."""
-        shape, parts = as_arrays(x=x, y=y)
-        flat_x, flat_y = (np.broadcast_to(part, shape).flatten() for part in parts)
+        shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         flat = clearances(self.grid, flat_x, flat_y, min(limit, 1e9))
         return flat.reshape(shape) if shape else float(flat[0])
 

@@ -21,7 +21,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.ops import nearest_points
 
-from ambinav.config import as_arrays, as_number
+from ambinav.config import as_flat, as_number
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.fisher import checked_tau, scan_informations
@@ -74,8 +74,7 @@ def range_information(
         InputWarning: a beacon is within a wall, or outside of the building: it is nowhere in view.
     """
     places, variance, longest, low = _checked(at, std, max_range, receiver)
-    shape, parts = as_arrays(x=x, y=y)
-    px, py = (np.broadcast_to(part, shape or (1,)).flatten() for part in parts)
+    _, (px, py) = as_flat(x=x, y=y)
     information = np.zeros((len(px), 2, 2))
     seen = np.zeros((len(px), len(places)), dtype=np.bool_)
     for k, (bx, by, height) in enumerate(places):

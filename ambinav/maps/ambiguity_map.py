@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_arrays
+from ambinav.config import as_flat
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
@@ -320,9 +320,7 @@ class AmbiguityMap:
         if name not in self._prepared:
             layer_data = self.dataset[name]
             self._prepared[name] = PreparedLayer.of(layer_data, self._free, self._possible)
-        shape, parts = as_arrays(x=x, y=y, theta=0.0 if theta is None else theta)
-        # Copies: numpy warns of what broadcasting shares.
-        flat = [np.broadcast_to(part, shape).flatten() for part in parts]
+        shape, flat = as_flat(x=x, y=y, theta=0.0 if theta is None else theta)
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])
         values = self._prepared[name].at(origin, step, *flat)

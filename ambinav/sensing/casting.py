@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_arrays
+from ambinav.config import as_flat
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 
@@ -109,8 +109,7 @@ def _poses(
     x: ArrayLike, y: ArrayLike, theta: ArrayLike
 ) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
     """Return the broadcast shape, and the three arguments flattened."""
-    shape, parts = as_arrays(x=x, y=y, theta=theta)
-    flat = [np.ascontiguousarray(np.broadcast_to(part, shape)).reshape(-1) for part in parts]
+    shape, flat = as_flat(x=x, y=y, theta=theta)
     for axis, values in zip(("x", "y", "theta"), flat, strict=True):
         finite = np.isfinite(values)
         if not finite.all():

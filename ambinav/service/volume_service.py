@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_arrays, as_number
+from ambinav.config import as_flat, as_number
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.errors import InputError
@@ -84,9 +84,8 @@ class VolumeService:
         Raises:
             InputError: a height lies outside of the volume.
         """
-        shape, parts = as_arrays(x=x, y=y, z=z)
-        self.volume.check_height(parts[2])
-        at = [np.broadcast_to(part, shape).flatten() for part in parts]
+        shape, at = as_flat(x=x, y=y, z=z)
+        self.volume.check_height(at[2])
         out = np.empty(len(at[0]))
         # The kernel's third axis is an angle: one turn for all heights.
         turn = (at[2] - self._origin[2]) * self._scales[1] * (2.0 * math.pi / self._free.shape[2])
