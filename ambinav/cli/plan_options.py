@@ -353,12 +353,9 @@ class BeliefOptions:
 
     def of_forecast(self) -> dict[str, Any]:
         """Return what a forecast takes from these options, as arguments of `Forecaster`."""
-        given: dict[str, Any] = {}
-        if self.odometry_scale is not None:
-            given["odometry"] = self._noise()
-        if self.start_std is not None:
-            given["start_std"] = self._start(self.start_std)
-        return given
+        std = self.start_std
+        given = {"odometry": self._noise(), "start_std": None if std is None else self._start(std)}
+        return {name: value for name, value in given.items() if value is not None}
 
     def odometry_text(self, named: str) -> str:
         """Return what to call the odometry, unless it is a named one."""

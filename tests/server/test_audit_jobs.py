@@ -273,7 +273,7 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
     refused = [one for one in found if isinstance(one, Problem)]
     assert [one.status_code for one in refused] == [503] * 3
     failed = [one for one in found if isinstance(one, Audit)]
-    # A fault of the server ends an audit too, and is not told in its words.
+    # A fault of the server ends an audit too; the message is not in its words.
     assert [(one.state, one.detail) for one in failed] == [("failed", OURS)] * 3
     assert "secret" in caplog.text
     assert len(list(tmp_path.iterdir())) == 3
