@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -288,6 +289,30 @@ def begin(folder: Path, words: Sequence[str]) -> subprocess.Popen[str]:
     )
 
 
+def wait_until_termination_is_caught(process: subprocess.Popen[str]) -> None:
+    """Wait until the command handles signals itself, however slow the machine is."""
+    status = Path(f"/proc/{process.pid}/status")
+    mask = 1 << (signal.SIGTERM - 1)
+    while status.exists() and process.poll() is None:
+        caught = re.search(r"SigCgt:\s*(\w+)", status.read_text())
+        if caught and int(caught[1], 16) & mask:
+            return
+        time.sleep(0.02)
+
+
+def test_an_interrupt_outside_a_command() -> None:
+    done = python(
+        """
+import ambinav.cli
+def stop(**_):
+    raise KeyboardInterrupt
+ambinav.cli.app = stop
+ambinav.cli.main()
+"""
+    )
+    assert (done.returncode, done.stderr) == (INTERRUPTED, "ambinav: interrupted.\n")
+
+
 SCENARIO = f"""
 environment: {DEMO}
 scanner: hokuyo-urg-04lx
@@ -316,7 +341,7 @@ COMMANDS = {
     "train": ("train", "training.yaml", "-o", "out"),
 }
 """Long enough that none is done when the signal comes."""
-# Seconds after the start: while modules are imported, or kernels run; each end is waited for.
+# Seconds after signals are caught: while modules are imported, or kernels run.
 MOMENTS = (1.5, 4.0)
 
 
@@ -342,6 +367,7 @@ def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: P
     (tmp_path / "training.yaml").write_text(TRAINING)
     process = begin(tmp_path, COMMANDS[command])
     try:
+        wait_until_termination_is_caught(process)
         time.sleep(moment)
         assert process.poll() is None, process.communicate()[1]
         os.killpg(process.pid, signal.SIGINT)

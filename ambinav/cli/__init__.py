@@ -36,6 +36,7 @@ from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.plugins import plugins
 from ambinav.cli.presets import presets
+from ambinav.cli.running import INTERRUPTED, say
 from ambinav.cli.serve import serve
 from ambinav.cli.store import store
 from ambinav.cli.train import train
@@ -133,6 +134,8 @@ def main() -> None:
     try:
         app(prog_name="ambinav")
     except KeyboardInterrupt:
-        raise SystemExit(130) from None
+        # Before a command has begun or after it has ended: else the command reports it.
+        say("ambinav: interrupted.")
+        raise SystemExit(INTERRUPTED) from None
     finally:
         end_quickly()

@@ -116,7 +116,7 @@ function build(root, has) {
   const legend = h("div", { class: "legend card", role: "group", "aria-label": "Legend" });
   const cross = h("div", { class: "cross", "aria-hidden": "true" });
   const waiting = h("p", { class: "waiting card", role: "status" });
-  const stage = h("div", { class: "stage" }, map, cross, legend, readout, waiting);
+  const stage = h("div", { class: "stage", "aria-busy": "true" }, map, cross, legend, readout, waiting);
   const tabs = h("div", { class: "tabs", "aria-label": "Panels" });
   const tabList = [["layers", "Layers", panels.layers], has.places && ["places", "Places", panels.places], has.routes && ["routes", "Routes", panels.routes], has.edit && ["edit", "Edit", panels.edit], ["about", "About", panels.about]].filter(Boolean);
   fill(root, stage, h("div", { class: "panel" }, tabs, h("div", { class: "panels" }, tabList.map(([, , one]) => one))));
