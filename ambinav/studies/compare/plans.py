@@ -115,19 +115,20 @@ def _note_dearer(
     """Warn of planned routes that cost more, by their own cost, than another of the pair."""
     steering = loaded.scenario.planning.steering
     parts = {part.name: part for part in loaded.scenario.routes if part.kind not in GIVEN}
-    planned = {plan.name: plan.route.poses for plan in plans if plan.name in parts}
+    planned = {plan.name: plan.route for plan in plans if plan.name in parts}
     remedy = ", or the planner reference" if steering.space == "r2" else ""
     for name in planned:
         if parts[name].kind not in CHEAPEST:
             continue
         service = _service(loaded, amap, parts[name])
-        costs = {other: service.route_cost(poses, steering) for other, poses in planned.items()}
+        costs = {
+            other: service.route_cost(route.poses, steering) for other, route in planned.items()
+        }
         best = min(costs, key=lambda other: costs[other])
-        planner = _planner(loaded, parts[name])
         if costs[name] > (1.0 + DEARER) * costs[best]:
             warnings.warn(
                 f"pair {pair.name!r}, route {name!r}: it costs {costs[name]:.1f}, and the route "
-                f"{best!r} only {costs[best]:.1f} by the same cost: {planner} found "
+                f"{best!r} only {costs[best]:.1f} by the same cost: {planned[name].planner} found "
                 f"no better one; give it more iterations{remedy}.",
                 InputWarning,
                 stacklevel=3,
@@ -171,7 +172,7 @@ def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: Rout
 
 
 def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
-    """Return the name of a route's planner."""
+    """Return the name of a route's planner, which may be "auto"."""
     common = loaded.scenario.planning
     if part.kind in ("belief", "belief-roadmap", "reference"):
         return str(part.kind)
@@ -180,10 +181,16 @@ def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
     return part.planner or common.planner
 
 
+def _iterations(loaded: ScenarioBundle, part: RoutePart) -> int | None:
+    return part.iterations or loaded.scenario.planning.iterations
+
+
 def _check_planned(
     loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
-    _import_planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
+    _import_planners().check_route(
+        _planner(loaded, part), pair.start, pair.goal, checker, _iterations(loaded, part)
+    )
 
 
 def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
@@ -198,7 +205,7 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
         steering=common.steering,
         start_std=loaded.scenario.drive.start_deviations,
         odometry=loaded.scenario.odometry,
-        iterations=part.iterations or common.iterations,
+        iterations=_iterations(loaded, part),
         seed=common.seed if part.seed is None else part.seed,
     )
     return route

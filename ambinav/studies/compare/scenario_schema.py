@@ -46,19 +46,19 @@ class PlanningPart(ConfigModel):
     Attributes:
         space: Motion model of the robot; see `Steering`.
         turning_radius: Turning radius of a car, metres; for dubins and reeds-shepp only.
-        planner: Planner of the kinds clearance and ambiguity; see `ambinav plan`. What all others
-            are compared with, the kind shortest, is found by the planner reference in the space r2,
-            unless the route names another: samples may miss it.
-        iterations: Iterations of the planner; there is no limit of time, so that the route is
-            always the same.
+        planner: Planner of the kinds clearance and ambiguity; auto: as `ambinav plan` chooses. What
+            all others are compared with, the kind shortest, is found by the planner reference in
+            the space r2, unless the route names another: samples may miss it.
+        iterations: Iterations of planners that sample; None: 1000. There is no limit of time, so
+            that the route is always the same.
         seed: Seed of the planner.
         margin: Metres that routes keep off walls in addition to the robot's radius.
     """
 
     space: str = "r2"
     turning_radius: float = Field(default=0.0, ge=0.0)
-    planner: str = "prmstar"
-    iterations: int = Field(default=1000, ge=1)
+    planner: str = "auto"
+    iterations: int | None = Field(default=None, ge=1)
     seed: int = Field(default=1, ge=0, lt=2**32 - 1)
     margin: float = Field(default=0.1, ge=0.0)
 

@@ -6,6 +6,7 @@ import itertools
 import math
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,26 @@ def test_every_kind(scenario: dict[str, Any], tmp_path: Path) -> None:
     # No clock decides: the same routes again.
     for first, second in zip(plans, make_plans(loaded, amap), strict=True):
         np.testing.assert_array_equal(first.route.poses, second.route.poses)
+
+
+def test_routes_are_planned_as_the_command_plan_plans(
+    scenario: dict[str, Any], tmp_path: Path
+) -> None:
+    """By the reference where nothing is given, and no route costs more than another of its pair."""
+    scenario["routes"] = ["shortest", "clearance", "ambiguity", {"kind": "reference", "weight": 5}]
+    loaded = load_scenario(write(tmp_path, scenario))
+    amap = build_map(loaded.environment, loaded.scanner, spacing=0.2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InputWarning)
+        routes = {plan.name: plan.route for plan in make_plans(loaded, amap)}
+    assert {route.planner for route in routes.values()} == {"reference"}
+    np.testing.assert_array_equal(routes["ambiguity"].poses, routes["reference 5"].poses)
+    scenario["planning"] = {"space": "se2"}
+    for pair in scenario["pairs"]:
+        pair["start"], pair["goal"] = [*pair["start"], 0.0], [*pair["goal"], 0.0]
+    scenario["routes"] = ["ambiguity"]
+    loaded = load_scenario(write(tmp_path, scenario))
+    assert {plan.route.planner for plan in make_plans(loaded, amap)} == {"prmstar"}
 
 
 @pytest.mark.slow
