@@ -184,6 +184,13 @@ def test_heights() -> None:
     assert VolumeOptions(heights="1:2:0.3").values() == pytest.approx([1.0, 1.3, 1.6, 1.9])
 
 
+def test_heights_that_end_below_the_last_one_are_named(runner: CliRunner) -> None:
+    result = runner.invoke(
+        app, [*MAP, "--extrude", "2.4", "--heights", "0.5:1.9:0.8", "--tile", "5", "-o", "a.zarr"]
+    )
+    assert "note: --heights: the steps end at 1.3 m, not at 1.9 m." in result.stderr
+
+
 def test_positions_of_two_and_three_numbers() -> None:
     for given, made in (
         ("m --start 1 -2 --goal 3 4 5 -o r", "m|--start=1 -2|--goal=3 4 5|-o|r"),

@@ -146,6 +146,7 @@ def standing_lattice(
         raise InputError(
             f"at no point of {lattice.environment.name} a robot{body} with scanner "
             f"{scanner.name!r} fits: its body or a sensor stands inside a wall; check the mounts "
-            "(metres) and the robot's radius, or give a smaller spacing."
+            "(metres), in space also their heights, and the robot's radius, or give a smaller "
+            "spacing."
         )
     return lattice.among(somewhere), possible[somewhere]

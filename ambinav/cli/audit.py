@@ -348,7 +348,7 @@ def _show_aliasing(report: Document) -> None:
                 pair.letter,
                 f"{pair.x_m:.1f}, {pair.y_m:.1f} m",
                 f"{pair.other_x_m:.1f}, {pair.other_y_m:.1f} m",
-                f"{pair.turn_deg:.0f}°",
+                f"{pair.turn_deg:z.0f}°",
                 metres2(pair.area_m2),
                 f"{pair.likeness:.2f}",
             )

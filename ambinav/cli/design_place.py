@@ -247,7 +247,7 @@ def _show(report: Document, output: Path | None) -> None:
         (
             str(obstacle.number),
             obstacle.kind
-            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"),
+            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:z.0f}°"),
             f"{obstacle.x_m:.2f}",
             f"{obstacle.y_m:.2f}",
             "at a wall" if obstacle.on_wall else "free",

@@ -166,7 +166,7 @@ def _show(report: Document, output: Path | None) -> None:
         (
             str(reflector.number),
             reflector.kind
-            + ("" if reflector.direction_deg is None else f" at {reflector.direction_deg:.0f}°"),
+            + ("" if reflector.direction_deg is None else f" at {reflector.direction_deg:z.0f}°"),
             f"{reflector.x_m:.2f}",
             f"{reflector.y_m:.2f}",
             "at a wall" if reflector.on_wall else "free",

@@ -15,7 +15,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.running import progress_bars
+from ambinav.cli.running import note, progress_bars
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,7 +49,9 @@ class VolumeOptions:
             InputError: there is one.
         """
         if self.heights is not None:
-            self.values()
+            highest, asked = self.values()[-1], self.heights.split(":")
+            if len(asked) > 1 and not math.isclose(highest, float(asked[1]), abs_tol=1e-6):
+                note(f"--heights: the steps end at {highest:g} m, not at {float(asked[1]):g} m.")
             for option, given in (
                 ("--scanner-height", space.scanner_height is not None),
                 ("--tile", tiling.tile is not None),

@@ -73,7 +73,7 @@ class CalibrationFit:
 
         Warns:
             InputWarning: the pairs cover less than 80 percent of the sensor's range, or readings
-                lie far beyond it.
+                lie far beyond it or are 0.
         """
         if std_model not in get_args(StdModel):
             known = ", ".join(get_args(StdModel))
@@ -90,6 +90,14 @@ class CalibrationFit:
             warnings.warn(
                 f"{source}: {beyond} of {len(reading)} readings lie far beyond max_range, "
                 f"{limits[1]:g} m, and count as errors; remove them, or correct max_range.",
+                InputWarning,
+                stacklevel=3,
+            )
+        silent = int(((reading == 0.0) & (d > limits[0])).sum())
+        if silent:
+            warnings.warn(
+                f"{source}: {silent} of {len(reading)} readings are 0, which many drivers report "
+                "where there is no echo, and count as errors; remove them.",
                 InputWarning,
                 stacklevel=3,
             )

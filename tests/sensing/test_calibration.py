@@ -152,6 +152,14 @@ def test_readings_far_beyond_the_range_warn() -> None:
         RangeSensor.fit(pairs, **LIMITS)
 
 
+def test_readings_of_zero_warn() -> None:
+    """Drivers report 0 where there is no echo."""
+    pairs = measured()
+    pairs[5:9, 1] = 0.0
+    with pytest.warns(InputWarning, match=r"4 of \d+ readings are 0"):
+        RangeSensor.fit(pairs, **LIMITS)
+
+
 def test_pairs_over_a_part_of_the_range_warn() -> None:
     pairs = measured()
     with pytest.warns(InputWarning, match="extrapolated"):

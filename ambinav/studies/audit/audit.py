@@ -252,7 +252,7 @@ def metres2(area: float) -> str:
 
 def degrees(angle: float) -> str:
     """Format an angle in radians as whole degrees."""
-    return f"{math.degrees(angle):.0f}°"
+    return f"{math.degrees(angle):z.0f}°"
 
 
 def axis_degrees(axis: float | None) -> str:

@@ -130,7 +130,7 @@ def content(solution: Solution, report: Document) -> Content:
         "money": money,
         "percent": lambda value: f"{value:.1f} %",
         "trip": trip_text,
-        "degrees": lambda value: "" if value is None else f"{value:.0f}°",
+        "degrees": lambda value: "" if value is None else f"{value:z.0f}°",
     }
     files = {GEOJSON: json.dumps(report.geojson, indent=1) + "\n"}
     return Content(report, values, filters, files=files)
