@@ -49,8 +49,8 @@ def test_a_route_is_written_and_loads_again(
     assert (route.planner, route.weight, route.layer) == ("reference", 5.0, "level")
     assert f"{route.length:.2f} m" in result.stdout
     assert f"{route.cost:.2f} m" in result.stdout
-    assert f" {route.corridor_metres:.2f} ({route.longest_corridor:.2f}) m" in result.stdout
-    assert f" {route.open_metres:.2f} ({route.longest_open:.2f}) m" in result.stdout
+    assert f" {route.corridor_metres:.1f} ({route.longest_corridor:.1f}) " in result.stdout
+    assert f" {route.open_metres:.1f} ({route.longest_open:.1f}) " in result.stdout
     assert f"route: {name}" in result.stdout
     assert result.stderr == ""
     again = runner.invoke(app, [*PLAN, "-o", name])

@@ -271,8 +271,8 @@ def _print_table(routes: Mapping[str, Route], lost: Mapping[str, float] | None =
             f"{route.length:.2f} m",
             f"{route.cost:.2f} m",
             f"{route.exposure:.2f} m",
-            f"{floors[name].corridor_text(2)} m",
-            f"{floors[name].open_text(2)} m",
+            floors[name].corridor_text(),
+            floors[name].open_text(),
             *(() if lost is None else (f"{100.0 * lost[name]:.1f} %",)),
             f"{route.duration or 0.0:.1f} s",
         )
@@ -281,4 +281,5 @@ def _print_table(routes: Mapping[str, Route], lost: Mapping[str, float] | None =
     forecast = () if lost is None else ("lost",)
     columns = "route", "length", "cost", "exposure", "corridor", "open", *forecast, "time"
     notes = [unexplored_note(floor, name) for name, floor in floors.items()]
-    show(table(columns, rows, left=("route",)), IN_BRACKETS, *filter(None, notes))
+    legend = f"corridor, open: metres; {IN_BRACKETS}"
+    show(table(columns, rows, left=("route",)), legend, *filter(None, notes))

@@ -64,25 +64,24 @@ class BadFloor:
         """Figures by their names in files, metres; nan if not known."""
         return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
-    def corridor_text(self, digits: int = 1) -> str:
+    def corridor_text(self) -> str:
         """Return metres in corridor, and in brackets the longest stretch."""
-        return stretch_text(self.corridor, self.longest_corridor, digits)
+        return stretch_text(self.corridor, self.longest_corridor)
 
-    def open_text(self, digits: int = 1) -> str:
+    def open_text(self) -> str:
         """Return metres in open zones, and in brackets the longest stretch."""
-        return stretch_text(self.open, self.longest_open, digits)
+        return stretch_text(self.open, self.longest_open)
 
 
-def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
+def stretch_text(metres: float, longest: float | None) -> str:
     """Format metres and the longest stretch of them: "12.3 (8.1)".
 
     Args:
         metres: In a zone.
         longest: In a row; None or nan if that is not known.
-        digits: After the point.
     """
     unknown = longest is None or math.isnan(longest)
-    return f"{metres:.{digits}f} ({'?' if unknown else f'{longest:.{digits}f}'})"
+    return f"{metres:.1f} ({'?' if unknown else f'{longest:.1f}'})"
 
 
 def unexplored_note(floor: BadFloor, who: str = "") -> str:
