@@ -22,6 +22,8 @@ ARRIVAL = 0.5
 INSTANT = 1e-9
 # A covariance has full rank whose least eigenvalue is above this share of the greatest.
 FULL_RANK = 1e-12
+LEAST_STD = 5e-4
+"""A deviation below this, metres or radians, as of a few particles that are left, counts as this."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -49,8 +51,8 @@ class Metrics:
         heading_max: Radians.
         weak_rmse: RMS of the position's error along the weak direction, metres; nan without a map.
         strong_rmse: Across it.
-        nees: Mean of e' P^-1 e over x, y and heading; 3 is expected of a consistent estimate, nan
-            where the covariance is singular throughout.
+        nees: Mean of e' P^-1 e over x, y and heading, with deviations of at least `LEAST_STD`; 3 is
+            expected of a consistent estimate, nan where the covariance is singular throughout.
         exposure: Integral of the map's layer over the path truly driven, metres; nan without.
         length: Distance truly driven, metres.
         seconds: Duration of the run.
@@ -188,11 +190,14 @@ def _nees(errors: Floats, covariance: Floats) -> Floats:
     """
     usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
     # With few particles left the covariance may be rank-deficient, apart from rounding.
-    spread = np.linalg.eigvalsh(covariance[usable])
-    usable[usable] = spread[:, 0] > FULL_RANK * spread[:, -1]
-    out = np.full(len(errors), math.nan)
-    for run, rows in enumerate(usable):
-        if rows.any():
-            e, P = errors[run, rows], covariance[run, rows]
-            out[run] = float((e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1).mean())
-    return out
+    spread, axes = np.linalg.eigh(covariance[usable])
+    full = spread[:, 0] > FULL_RANK * spread[:, -1]
+    along = (axes * errors[usable][:, :, None]).sum(axis=1)
+    squared = np.full(usable.shape, math.nan)
+    squared[usable] = np.where(
+        full, (along**2 / np.maximum(spread, LEAST_STD**2)).sum(axis=-1), math.nan
+    )
+    known = ~np.isnan(squared)
+    count = known.sum(axis=1)
+    total = np.where(known, squared, 0.0).sum(axis=1)
+    return np.divide(total, count, out=np.full(len(errors), math.nan), where=count > 0)

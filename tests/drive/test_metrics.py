@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,9 +110,21 @@ def test_a_covariance_without_full_rank_tells_no_consistency() -> None:
     assert (np.linalg.eigvalsh(flat)[:, 0] > 0.0).any()
     for covariance in flat:
         assert math.isnan(metrics(made_up(errors, covariance=covariance)).nees[0])
-    # However small, it counts if it has.
-    small = metrics(made_up(errors, covariance=1e-8 * np.eye(3)))
-    assert small.nees[0] == pytest.approx(3e4)
+    # However small, it counts if it has, but for no less than 0.5 mm and 0.5 mrad.
+    small = metrics(made_up(errors, covariance=1e-6 * np.eye(3)))
+    assert small.nees[0] == pytest.approx(300.0)
+    smaller = metrics(made_up(errors, covariance=1e-9 * np.eye(3)))
+    assert smaller.nees[0] == pytest.approx(1200.0)
+
+
+def test_one_update_with_a_few_particles_does_not_decide_consistency() -> None:
+    """Three particles that are nearly in a plane: a millionth of a metre across it."""
+    errors = np.tile([0.03, 0.02, 0.01], (400, 1))
+    drives = made_up(errors, covariance=np.diag(errors[0] ** 2))
+    covariance = drives.covariance.copy()
+    covariance[0, 40] = np.diag([0.017, 0.004, 7e-7]) ** 2
+    assert metrics(drives).nees[0] == pytest.approx(3.0)
+    assert metrics(replace(drives, covariance=covariance)).nees[0] < 5.0
 
 
 def test_arrival_is_judged_by_the_truth() -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from ambinav.reports.action import MOST, Action
+from ambinav.reports.pages import listed
 from ambinav.studies.compare.document import Document, VerdictPart
 from ambinav.studies.compare.scenario import ALL_PAIRS
 from ambinav.studies.compare.verdict_text import length_text
@@ -44,7 +47,17 @@ def actions(report: Document) -> tuple[Action, ...]:
 def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
     """Return the recommended route of a pair and its rank: 0 helps most."""
     part = report.verdicts[pair]
-    best = min(part.routes, key=lambda route: (_rank(route), route.length_ratio), default=None)
+    rows = {row.route: row.figures for row in report.rows if row.pair == pair}
+
+    def order(route: VerdictPart) -> tuple[float, ...]:
+        """Return what routes are sorted by: those that meet the criterion by their length."""
+        rank, figures = _rank(route), rows[route.route]
+        if rank == _RANK["met"]:
+            return rank, route.length_ratio
+        harm = (figures[key].value.value for key in ("lost", "error_p95"))
+        return rank, *(math.inf if value is None else value for value in harm), route.length_ratio
+
+    best = min(part.routes, key=order, default=None)
     baseline = part.baseline
     if best is None:
         return 3, Action(
@@ -78,9 +91,10 @@ def _figures(report: Document, pair: str, best: VerdictPart) -> str:
     for key, name, digits, unit in (
         ("lost", "lost", 0, "%"),
         ("error_p95", "95th percentile of the error", 2, "m"),
+        ("collided", "collided", 0, "%"),
     ):
         values = ours[key].value.value, theirs[key].value.value
-        if None not in values:
+        if None not in values and (key != "collided" or any(values)):
             now, before = (f"{value:.{digits}f}" for value in values)
             parts.append(f"{name} {now} instead of {before} {unit}")
     parts.append(f"the route is {length_text(best.length_ratio)}")
@@ -88,7 +102,7 @@ def _figures(report: Document, pair: str, best: VerdictPart) -> str:
     criterion = (
         "The criterion is met."
         if best.outcome == "met"
-        else (f"The criterion is missed by {' and '.join(missed)}." if missed else "")
+        else (f"The criterion is missed by {listed(missed)}." if missed else "")
     )
     sentence = "; ".join(parts)
     return f"{sentence[0].upper()}{sentence[1:]}. {criterion}".strip()

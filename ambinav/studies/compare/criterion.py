@@ -119,9 +119,10 @@ class Verdict:
 
     @property
     def effect(self) -> Effect:
-        """Effect on lost rate and error shown by the runs; "none" if neither is shown to differ."""
-        less = self.lost.less or self.error.less
-        more = self.lost.more or self.error.more
+        """Effect on lost rate, error and collisions that the runs show; "none" if they show none."""
+        changes = (self.lost, self.error, self.collided)
+        less = any(change.less for change in changes)
+        more = any(change.more for change in changes)
         if less and more:
             return "mixed"
         return "better" if less else "worse" if more else "none"

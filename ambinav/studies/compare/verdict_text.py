@@ -67,7 +67,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
     opening = {
         "better": f"{route} is better than {baseline}",
         "worse": f"{route} is worse than {baseline}",
-        "mixed": f"{route} is better than {baseline} in one respect and worse in the other",
+        "mixed": f"{route} is better than {baseline} in one respect and worse in another",
         "none": f"{route} makes no difference to {baseline} that {verdict.runs} runs show",
     }[verdict.effect]
     parts = [f"lost {_share(verdict.lost)}", f"{ERROR} {_metres(verdict.error)}"]
@@ -138,7 +138,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
             )
         )
     for kind, single, several, suffix in (
-        ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
+        ("mixed", "is", "are", f"better than {baseline} in one respect and worse in another"),
         ("none", "makes", "make", "no difference"),
         ("worse", "is", "are", f"worse than {baseline}"),
         ("same", "is", "are", f"the same path as {baseline}"),

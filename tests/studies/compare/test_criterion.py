@@ -79,7 +79,7 @@ def test_outcome_and_effect(
 def test_more_collisions_do_not_meet_the_goal() -> None:
     found = judged(measured(0, 0.2, collided=12), measured(15, 0.6))
     assert found.lost_met and found.error_met and found.length_met
-    assert not found.walls_met and found.outcome == "not met"
+    assert not found.walls_met and found.outcome == "not met" and found.effect == "mixed"
     assert "collides more often" in sentence(found, "a", "b")
     # Equally often on both, but so often that what is left says little.
     found = judged(measured(0, 0.2, collided=20), measured(15, 0.6, collided=20))
