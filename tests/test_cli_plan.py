@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from ambinav.cli import app
 from ambinav.cli.speed_options import SpeedOptions
 from ambinav.forecasting.braking import BrakingRule
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.clock import SpeedLimits
 from ambinav.routes.files import load_route
 from ambinav_planners import planners
@@ -55,6 +56,24 @@ def test_a_route_is_written_and_loads_again(
     assert result.stderr == ""
     again = runner.invoke(app, [*PLAN, "-o", name])
     assert again.exit_code == 0, again.output
+
+
+def test_the_stretch_that_a_limit_counts_is_printed(runner: CliRunner, plan_folder: Path) -> None:
+    """Against the map's level each 5 mm along the route."""
+    words = [*PLAN, "--max-bad-metres", "50", "--bad-level", "0.3", "-w", "0", "-o", "route.csv"]
+    result = runner.invoke(app, [*words, "--json"])
+    assert result.exit_code == 0, result.output
+    (figures,) = json.loads(result.stdout)["routes"].values()
+    route, amap = load_route(plan_folder / "route.csv"), AmbiguityMap.open(plan_folder / "map.zarr")
+    path = shapely.LineString(route.poses[:, :2])
+    along = np.arange(0.0, path.length, 0.005)
+    level = np.asarray(amap.sample("level", *shapely.get_coordinates(path.interpolate(along)).T))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], level > 0.3, [False]]).astype(int)))
+    longest = 0.005 * (edges[1::2] - edges[::2]).max()
+    assert longest > 0.5
+    assert figures["longest_above_level_m"] == pytest.approx(longest, abs=0.03)
+    said = runner.invoke(app, words).stdout
+    assert f"at most {figures['longest_above_level_m']:.2f} m in a row are above level 0.3" in said
 
 
 @pytest.mark.parametrize("name", ["hall.geojson", "costs.json", "sites.csv"])

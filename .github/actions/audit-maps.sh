@@ -20,6 +20,10 @@ while IFS= read -r line; do
     [[ -n "$line" ]] || continue
     if [[ -d "$line" ]]; then
         files=("${line%/}"/**/*.yaml "${line%/}"/**/*.yml)
+        # They may as well be zones or graphs of routes.
+        for file in "${line%/}"/**/*.{geojson,wkt,dxf,ifc}; do
+            echo "ambinav: note: $file: plans in a folder are not audited; name the file." >&2
+        done
     elif [[ -e "$line" ]]; then
         files=("$line")
     else

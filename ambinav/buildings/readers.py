@@ -75,7 +75,8 @@ def read(path: str | Path, **options: Any) -> Environment:
     if suffix not in known:
         raise InputError(
             f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
-            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}."
+            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}. (In "
+            "Python read_mesh, read_cloud and read_octomap read buildings in space.)"
         )
     reader = MAP_READERS.get(suffix)
     given = {name: value for name, value in options.items() if value is not None}

@@ -242,6 +242,14 @@ class PlanCall:
                 f"{name}: planned for {seconds:.1f} s by the errors that localization comes to at "
                 "its places; the times above have those along the route, ramps and turns"
             )
+        if self.limits.max_bad_metres is not None:
+            from ambinav_planners.search.limit import longest_bad
+
+            level = self.limits.bad_level
+            for name, route in routes.items():
+                longest = longest_bad(route.poses, planner.service, route.steering, level)
+                each[name]["longest_above_level_m"] = longest
+                lines.append(f"{name}: at most {longest:.2f} m in a row are above level {level:g}")
         if self.result.certify:
             from ambinav_planners import certify
 

@@ -49,8 +49,8 @@ class SearchOptions:
         planner (NAME): Planner; see --list-planners. auto: reference for a disc in r2,
             informed-rrtstar in r3, prmstar otherwise and with --iterations.
         time (S): Time for planning, seconds.
-        iterations (N): Number of iterations after which the planner stops, whatever the time.
-            [default: no limit]
+        iterations (N): Largest number of iterations; --time ends them too, so give --time inf for
+            a route that is the same each time. [default: no limit]
         seed (N): Seed of the planner's random numbers, 0 or more. [default: different each time]
     """
 

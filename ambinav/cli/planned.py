@@ -58,6 +58,13 @@ class LostFigures:
         shares = forecaster.lost_probabilities(list(routes.values())).tolist()
         return cls(forecaster.localizer, odometry, dict(zip(routes, shares, strict=True)), driven)
 
+    def contradiction(self, name: str) -> str:
+        """Describe how the drives of a route contradict its forecast; empty: they do not."""
+        share, interval = self.forecast[name], self.driven[name].probability
+        if interval.low <= share <= interval.high:
+            return ""
+        return f" That contradicts the forecast of {100.0 * share:.1f} %; rely on the drives."
+
     def plain(self, name: str) -> dict[str, Any]:
         """Return the figures of a route as plain data."""
         figures: dict[str, Any] = {"lost_probability": self.forecast[name]}
@@ -150,7 +157,7 @@ def show_routes(
         typer.echo(line)
     if lost is not None:
         for name, drives in lost.driven.items():
-            typer.echo(f"{name}: {drives.sentence}")
+            typer.echo(f"{name}: {drives.sentence}{lost.contradiction(name)}")
         typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (search.iterations or 0):

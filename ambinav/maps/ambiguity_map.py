@@ -389,6 +389,7 @@ class AmbiguityMap:
         """
         counted = self._free
         if mask is not None:
+            mask = np.asarray(mask, dtype=bool)
             if mask.shape != self._free.shape:
                 raise InputError(
                     f"mask has the shape {mask.shape}; the map's lattice has {self._free.shape}."

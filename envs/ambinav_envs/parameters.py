@@ -60,7 +60,7 @@ def _people(value: object) -> People:
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         value = {"count": int(value)}
     if not isinstance(value, People | Mapping):
-        raise fault(value, "give a number, or its fields by name")
+        raise fault(value, "give a whole number, or its fields by name")
     people = from_mapping(People, value)
     if people.count > MOST_AROUND:
         raise FaultError(f"are {people.count}; give at most {MOST_AROUND}")

@@ -82,8 +82,8 @@ def _buildings_of(
     """Return the name of a suite, or a map."""
     if suite is not None and map is not None:
         raise InputError(
-            f"suite is {suite!r}, as of the id that is named after it, and map is given too; give "
-            "one of the two, a map to the id ambinav/Navigation-v1."
+            f"suite is {suite!r}, perhaps by the name of the id, and map is given too; give one of "
+            "the two, and a map to the id ambinav/Navigation-v1 alone."
         )
     if map is not None:
         if isinstance(map, Mapping):

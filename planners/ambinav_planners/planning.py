@@ -130,6 +130,14 @@ class RoutePlanner:
             None if route_graph is None else PricedGraph.of(route_graph, self.service, self.checker)
         )
 
+    def __repr__(self) -> str:
+        """Return map, space and cost as text."""
+        steering, service = self.checker.steering, self.service
+        return (
+            f"RoutePlanner({service.map.source}, space {steering.space}, layer {service.layer}, "
+            f"weight {service.weight:g})"
+        )
+
     def problem(
         self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
     ) -> Problem:

@@ -37,7 +37,7 @@ def floods() -> int:
 
 def dies(signal_number: int) -> None:
     """End this process by a signal, with a child that holds all it was given."""
-    subprocess.Popen(["sleep", "20"], close_fds=False)
+    subprocess.Popen(["sleep", "100"], close_fds=False)
     os.kill(os.getpid(), signal_number)
 
 

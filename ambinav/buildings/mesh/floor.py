@@ -77,8 +77,8 @@ def find_floor(mesh: Mesh) -> float:
     if rough[best] < max(_SMALLEST, share * plan):
         raise InputError(
             f"{mesh.source or mesh.name}: no floor is found in it (its largest level surface near "
-            f"the bottom has {rough[best]:.2g} m2 of {plan:.3g}); say with floor at which height "
-            "it is, or with up which axis is up."
+            f"the bottom has {rough[best]:.2g} m2 of {plan:.3g}); give its height, floor "
+            "(--floor), or the axis that is up, up (--up)."
         )
     # A slab has an underside as large as its top.
     near = (z >= lowest + best * _LAYER - _FINE) & (z <= lowest + (best + 2) * _LAYER + _THICKEST)
@@ -169,7 +169,7 @@ def floor_environment(
         (cells * cell**2, pieces, hollow),
         (
             _raised(mesh, z + step, env.free.area) if floor is None else 0.0, 1,
-            "it is level and up to a metre above the floor; give its height with floor to have it",
+            "it is level and up to a metre above the floor; give its height, floor (--floor), to have it",
         ),
     ]  # fmt: skip
     # Stored maps tell the floors of two robots apart by it.

@@ -153,6 +153,6 @@ def check_upright(path: Path, mesh: Mesh) -> None:
         if size[k] < size[2] and level[k] > level[2]:
             raise InputError(
                 f"{path}: {AXES[k]} may be up in it (faces level to {AXES[k]} have "
-                f"{level[k]:.3g} m2, those level to z {level[2]:.3g} m2); say with up which axis "
-                "is, x, y or z."
+                f"{level[k]:.3g} m2, those level to z {level[2]:.3g} m2); give the axis "
+                "that is, up (--up): x, y or z."
             )

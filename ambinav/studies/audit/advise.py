@@ -145,10 +145,13 @@ def _area_text(after: Interval) -> str:
 
 
 def _well_localized(result: Audit) -> str:
+    bad = result.shares[CORRIDOR].share + result.shares[OPEN].share
+    share = percent(bad)
+    most = "all" if bad == 0.0 else "almost all" if share == percent(0.0) else f"all but {share}"
     return (
         f"with {result.scanner.name} a robot of radius {result.reach.radius:.2f} m can tell its "
-        f"position on all but {percent(result.shares[CORRIDOR].share + result.shares[OPEN].share)} "
-        f"of the {metres2(result.area)} that it can reach in {result.environment.name}"
+        f"position on {most} of the {metres2(result.area)} that it can reach in "
+        f"{result.environment.name}"
     )
 
 

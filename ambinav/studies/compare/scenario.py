@@ -82,7 +82,7 @@ class Scenario(BuildingPart):
                     if len(getattr(pair, end)) == 2:
                         raise InputError(
                             f"pairs[{i}].{end} has no heading, which matters in the space "
-                            f"{self.planning.space}; give x, y and radians"
+                            f"{self.planning.space}; give x, y and degrees"
                         )
         for route in self.routes:
             if route.kind == "file" and route.pair is None and len(pairs) > 1:
@@ -103,8 +103,12 @@ class Scenario(BuildingPart):
                     f"exports: there is no run {number + 1}; runs are counted from 1 to "
                     f"{self.drive.runs}"
                 )
+        prefix = "drive-"
+        kinds = [name for name in EXPORTERS.names() if name.startswith(prefix)]
+        formats = [kind.removeprefix(prefix) for kind in kinds]
         for name in self.exports.formats or ():
-            EXPORTERS.get(f"drive-{name}")
+            if name not in formats:
+                raise InputError(f"exports: there is no format {name!r}; {nearest(name, formats)}")
         names = [route.name for route in self.routes]
         for name in self.exports.routes or ():
             if name not in names:

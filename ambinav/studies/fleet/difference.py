@@ -26,8 +26,8 @@ class SiteChange(Part):
     site: str
     scanner: str
     change: Change = Field(
-        description="other figures: with as much bad floor; failed: audited in A; audited: failed "
-        "in A; appeared, vanished: only in B, only in A"
+        description="other figures: with as much bad floor; failed: in B, but not in A; audited: "
+        "failed in A; appeared, vanished: only in B, only in A"
     )
     before_m2: SquareMetres | None = Field(description="bad floor in A; null: not known")
     after_m2: SquareMetres | None = Field(description="bad floor in B; null: not known")
@@ -111,10 +111,14 @@ def _change(
     bad = [None if row is None else row.bad_m2 for row in (old, new)]
     rise = None if bad[0] is None or bad[1] is None else bad[1] - bad[0]
     kind: Change = "other figures"
-    if old is None or new is None:
-        kind = "appeared" if old is None else "vanished"
+    if new is None:
+        kind = "vanished"
+    elif new.status == "failed" and (old is None or old.status != "failed"):
+        kind = "failed"
+    elif old is None:
+        kind = "appeared"
     elif old.status != new.status:
-        kind = "failed" if new.status == "failed" else "audited"
+        kind = "audited"
     elif rise is not None and abs(rise) >= LEAST:
         kind = "worse" if rise > 0.0 else "better"
     return SiteChange(

@@ -67,7 +67,7 @@ def test_a_ramp_and_a_threshold() -> None:
 
 def test_a_part_of_the_floor_that_is_raised_is_said() -> None:
     mesh = boxes(FLOOR, *WALLS, (3, 0, 0, 3, 4, 0.4))
-    with pytest.warns(InputWarning, match=r"12 m² in 1 piece is not .* give its height with floor"):
+    with pytest.warns(InputWarning, match=r"12 m² in 1 piece is not .* give its height, floor"):
         env = floor_environment(mesh, 0.5, 0.2)
     assert any("up to a metre above the floor" in note for note in env.notes)
     assert not any("up to a metre" in n for n in floor_environment(mesh, 0.5, 0.2, floor=0.0).notes)

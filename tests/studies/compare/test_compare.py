@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 import shutil
@@ -58,11 +59,28 @@ def test_what_is_written(done: Path) -> None:
     for name in re.findall(r"!\[.*?\]\((.*?)\)", text):
         assert (done / name).is_file()
     assert text.index("## Verdict") < text.index("## There")
-    # Each table has equally many columns throughout.
+    check_tables(text)
+
+
+def check_tables(text: str) -> None:
+    """Check that each table of a Markdown text has equally many columns throughout."""
     tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
     assert len(tables) >= 5
     for table in tables:
-        assert len({line.count("|") for line in table.splitlines()}) == 1
+        bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+        assert len(bars) == 1, table
+
+
+def test_any_name_is_shown_as_it_is(tmp_path: Path) -> None:
+    scenario = copy.deepcopy(SCENARIO)
+    scenario["routes"][1]["name"] = "a|b <1>"
+    scenario["drive"]["runs"] = 2
+    result = compare(write(tmp_path, scenario), tmp_path / "out", "--jobs", "1")
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "out" / "report.md").read_text()
+    check_tables(text)
+    assert "a\\|b &lt;1>" in text and "<1>" not in text.replace("&lt;1>", "")
+    assert "a|b &lt;1&gt;" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_the_html_stands_alone(done: Path) -> None:

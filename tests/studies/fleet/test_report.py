@@ -117,6 +117,7 @@ def test_a_difference_lists_what_became_of_each_site(sites: Path, tmp_path: Path
     audited(sites, first)
     (sites / "broken.wkt").write_text("POLYGON((0 0,3 0,3 3,0 3,0 0))")
     (sites / "room.geojson").rename(sites / "new.geojson")
+    (sites / "cut.wkt").write_text("POLYGON((0 0,3 0")
     write_room(sites / "north" / "corridor.geojson", 40.0, 2.0)
     audited(sites, second)
     same = run("diff", first, first, "--fail-if", "worse > 0")
@@ -125,6 +126,7 @@ def test_a_difference_lists_what_became_of_each_site(sites: Path, tmp_path: Path
     report = json.loads(result.stdout)
     kinds = {(each["site"], each["change"]) for each in report["changes"]}
     assert kinds >= {("room", "vanished"), ("new", "appeared"), ("broken", "audited")}
+    assert ("cut", "failed") in kinds
     change = next(each for each in report["changes"] if each["scanner"] == "turtlebot3-lds")
     assert change["site"] == "north/corridor" and change["change"] == "worse"
     rise = change["after_m2"] - change["before_m2"]
