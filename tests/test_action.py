@@ -110,7 +110,8 @@ def test_plans_in_a_folder_are_named_and_audited_by_their_name(repository):
     (repository / "maps" / "hall.geojson").write_text("{}")
     done, calls = run(repository, "maps/")
     assert len(calls) == 3
-    assert done.stderr.count("note: ") == 1 and "maps/hall.geojson: plans in a folder" in done.stderr
+    assert done.stderr.count("note: ") == 1
+    assert "maps/hall.geojson: plans in a folder" in done.stderr
     done, calls = run(repository, "maps/hall.geojson")
     assert calls[-1] == "audit maps/hall.geojson --scanner robot.yaml -o out/maps__hall.geojson"
     assert not done.stderr

@@ -38,12 +38,14 @@ class LostFigures:
         localizer: Class of localizer.
         odometry: Name of the odometry.
         forecast: Forecast share of each.
+        few_echoes: Metres of each on which more robots get lost than is forecast.
         driven: Drives; empty if none were asked for.
     """
 
     localizer: LocalizerClass
     odometry: str
     forecast: Mapping[str, float]
+    few_echoes: Mapping[str, float]
     driven: Mapping[str, Ensemble]
 
     @classmethod
@@ -56,7 +58,9 @@ class LostFigures:
     ) -> LostFigures:
         """Forecast routes."""
         shares = forecaster.lost_probabilities(list(routes.values())).tolist()
-        return cls(forecaster.localizer, odometry, dict(zip(routes, shares, strict=True)), driven)
+        few = {name: forecaster.few_echoes(route) for name, route in routes.items()}
+        forecast = dict(zip(routes, shares, strict=True))
+        return cls(forecaster.localizer, odometry, forecast, few, driven)
 
     def contradiction(self, name: str) -> str:
         """Describe how the drives of a route contradict its forecast; empty: they do not."""
@@ -67,7 +71,9 @@ class LostFigures:
 
     def plain(self, name: str) -> dict[str, Any]:
         """Return the figures of a route as plain data."""
-        figures: dict[str, Any] = {"lost_probability": self.forecast[name]}
+        figures: dict[str, Any] = {
+            "lost_probability": self.forecast[name], "few_echoes_m": self.few_echoes[name]
+        }  # fmt: skip
         if name in self.driven:
             driven = self.driven[name]
             figures["driven"] = {
@@ -156,8 +162,13 @@ def show_routes(
     for line in lines:
         typer.echo(line)
     if lost is not None:
-        for name, drives in lost.driven.items():
-            typer.echo(f"{name}: {drives.sentence}{lost.contradiction(name)}")
+        from ambinav.forecasting.forecast import few_echoes_sentence
+
+        for name in routes:
+            if name in lost.driven:
+                typer.echo(f"{name}: {lost.driven[name].sentence}{lost.contradiction(name)}")
+            elif caveat := few_echoes_sentence(lost.few_echoes[name]):
+                typer.echo(f"{name}:{caveat}")
         typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (search.iterations or 0):

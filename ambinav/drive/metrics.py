@@ -23,7 +23,7 @@ INSTANT = 1e-9
 # A covariance has full rank whose least eigenvalue is above this share of the greatest.
 FULL_RANK = 1e-12
 LEAST_STD = 5e-4
-"""A deviation below this, metres or radians, as of a few particles that are left, counts as this."""
+"""Metres or radians; a lower deviation, as of a few particles that are left, counts as this."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -200,4 +200,6 @@ def _nees(errors: Floats, covariance: Floats) -> Floats:
     known = ~np.isnan(squared)
     count = known.sum(axis=1)
     total = np.where(known, squared, 0.0).sum(axis=1)
-    return np.divide(total, count, out=np.full(len(errors), math.nan), where=count > 0)
+    out = np.full(len(errors), math.nan)
+    np.divide(total, count, out=out, where=count > 0)
+    return out

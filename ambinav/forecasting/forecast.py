@@ -18,6 +18,12 @@ from ambinav.drive.odometries import odometry_of
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import Cause, causes_of
 from ambinav.forecasting.ensemble import EnsembleRunner, LostRule
+from ambinav.forecasting.few_echoes import (
+    FEW,
+    NOTABLE,
+    few_echo_metres,
+    learns_from_echoes_alone,
+)
 from ambinav.forecasting.filter_kernel import forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
@@ -28,6 +34,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.threads import run_rows
+from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +59,8 @@ class Forecast:
         causes: Stretches on which robots get lost, the worst first.
         localizer: The class of localizer that it is of.
         odometry: Errors of the odometry that it is of.
+        few_echoes: Metres on which few beams return an echo, so that more robots get lost than is
+            forecast (`ambinav.forecasting.few_echoes`); 0 for localizers that do not mind.
     """
 
     poses: Floats
@@ -61,6 +70,7 @@ class Forecast:
     causes: tuple[Cause, ...]
     localizer: LocalizerClass
     odometry: OdometryNoise
+    few_echoes: float = 0.0
 
     @property
     def lost_probability(self) -> float:
@@ -76,7 +86,12 @@ class Forecast:
     def sentence(self) -> str:
         """The probability and its main cause in words."""
         where = f", {self.causes[0]}" if self.causes else ""
-        return f"{in_words(self.lost_probability)} lost on this route{where}."
+        return f"{in_words(self.lost_probability)} lost on this route{where}.{self.caveat}"
+
+    @property
+    def caveat(self) -> str:
+        """Where more robots get lost than is forecast, as a sentence after a blank; else empty."""
+        return few_echoes_sentence(self.few_echoes)
 
     def __repr__(self) -> str:
         """Return probability and largest error as text."""
@@ -137,7 +152,9 @@ class Forecaster:
         self.map = amap
         self._environment = environment
         scanner = place_and_scanner(amap, None)[1]
-        note = self.localizer.chosen(scanner, self.odometry).note(scanner)
+        chosen = self.localizer.chosen(scanner, self.odometry)
+        self._needs_echoes = learns_from_echoes_alone(chosen)
+        note = chosen.note(scanner)
         if note is not None:
             warnings.warn(
                 f"localizer {self.localizer.name!r} was not calibrated for this: {note}",
@@ -167,7 +184,14 @@ class Forecaster:
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
         causes = causes_of(poses, along, lost, covariance, self.lost_rule)
-        return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
+        return Forecast(
+            poses, along, covariance, lost, causes, self.localizer, self.odometry,
+            self._few_echoes(poses, along),
+        )  # fmt: skip
+
+    def few_echoes(self, route: Route) -> float:
+        """Return the metres of a route on which few beams return an echo; see `Forecast`."""
+        return self._few_echoes(*self._sampled(route))
 
     @property
     def lost_rule(self) -> LostRule:
@@ -202,13 +226,22 @@ class Forecaster:
             InputError: the class names a localizer that there is not, or the map does not keep the
                 walls that a scanner sees.
         """
-        kept, scanner = place_and_scanner(self.map, None)
-        environment = kept if self._environment is None else self._environment
+        environment, scanner = self._building_and_scanner
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
             lost=self.lost_rule,
         )  # fmt: skip
+
+    @property
+    def _building_and_scanner(self) -> tuple[Environment, RangeScanner]:
+        kept, scanner = place_and_scanner(self.map, None)
+        return kept if self._environment is None else self._environment, scanner
+
+    def _few_echoes(self, poses: Floats, along: Floats) -> float:
+        if not self._needs_echoes:
+            return 0.0
+        return few_echo_metres(*self._building_and_scanner, poses, along)
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
@@ -298,6 +331,16 @@ def sampled(route: Route, distance: float, angle: float) -> tuple[Floats, Floats
     poses, _, along = route.steering.dense(route.poses, distance / FINER)
     kept = updates_apart(poses, along, distance, angle)
     return poses[kept], along[kept]
+
+
+def few_echoes_sentence(metres: float) -> str:
+    """Return a sentence after a blank on metres with few echoes; empty if they are not notable."""
+    if metres < NOTABLE:
+        return ""
+    return (
+        f" On {metres:.1f} m of it fewer than 1 in {1.0 / FEW:.0f} beams return an echo: there "
+        "more robots get lost than is forecast, so check it by drives (plan --verify)."
+    )
 
 
 def in_words(probability: float) -> str:

@@ -92,8 +92,8 @@ def export_drive(
 def _write_carmen(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
     if drive.scanner is None:
         raise InputError(
-            "a CARMEN log holds the readings of a scanner, which are not in a drive.csv; name carmen "
-            "in the scenario's `exports: formats`, and `ambinav compare` writes the log."
+            "a CARMEN log holds the readings of a scanner, which are not in a drive.csv; name "
+            "carmen in the scenario's `exports: formats`, and `ambinav compare` writes the log."
         )
     path = folder / "drive.log"
     save_carmen(path, drive_log(drive.drives, drive.run, drive.scanner))

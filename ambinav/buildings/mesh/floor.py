@@ -169,7 +169,8 @@ def floor_environment(
         (cells * cell**2, pieces, hollow),
         (
             _raised(mesh, z + step, env.free.area) if floor is None else 0.0, 1,
-            "it is level and up to a metre above the floor; give its height, floor (--floor), to have it",
+            "it is level and up to a metre above the floor; give its height, floor (--floor), to "
+            "have it",
         ),
     ]  # fmt: skip
     # Stored maps tell the floors of two robots apart by it.

@@ -119,7 +119,7 @@ class Verdict:
 
     @property
     def effect(self) -> Effect:
-        """Effect on lost rate, error and collisions that the runs show; "none" if they show none."""
+        """Effect on lost rate, error and collisions that the runs show; "none": they show none."""
         changes = (self.lost, self.error, self.collided)
         less = any(change.less for change in changes)
         more = any(change.more for change in changes)
