@@ -96,7 +96,7 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
         (["gone.zip"], "there is no such file"),
         (["gone"], "neither a file nor a baseline"),
         (["plug.py"], "give plug.py:callable"),
-        (["plug.py:spinner", "people=many"], "give a number, or its fields by name"),
+        (["plug.py:spinner", "people=many"], "give a whole number, or its fields by name"),
         (["plug.py:spinner", "peple=3"], "did you mean people"),
         (["plug.py:spinner", "people"], "write KEY=VALUE"),
         (["plug.py:spinner", "people=[1"], "cannot be read"),
