@@ -106,9 +106,8 @@ class MapSettings:
         names = (layers,) if isinstance(layers, str) else tuple(layers)
         names += tuple({cost_layer(scanner)} - schema.CORE)
         if names:
-            from ambinav.layers.registry import (
-                chosen_layers,
-            )  # only where they are wanted
+            # Only where they are wanted.
+            from ambinav.layers.registry import chosen_layers
 
             names = tuple(layer.name for layer in chosen_layers(names, scanner, env))
         if not (math.isfinite(spacing) and spacing > 0.0):
@@ -116,7 +115,7 @@ class MapSettings:
         if not (math.isfinite(radius) and radius >= spacing):
             raise InputError(
                 f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
-                "of at least one spacing."
+                "(--ambiguity-radius) of at least one spacing (--spacing)."
             )
         if radius > MOST_CELLS * spacing:
             raise InputError(
