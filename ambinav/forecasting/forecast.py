@@ -34,7 +34,6 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.threads import run_rows
-from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
@@ -150,8 +149,9 @@ class Forecaster:
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap
-        self._environment = environment
-        scanner = place_and_scanner(amap, None)[1]
+        kept, scanner = place_and_scanner(amap, None)
+        self._building = kept if environment is None else environment
+        self._scanner = scanner
         chosen = self.localizer.chosen(scanner, self.odometry)
         self._needs_echoes = learns_from_echoes_alone(chosen)
         note = chosen.note(scanner)
@@ -226,22 +226,17 @@ class Forecaster:
             InputError: the class names a localizer that there is not, or the map does not keep the
                 walls that a scanner sees.
         """
-        environment, scanner = self._building_and_scanner
         return EnsembleRunner(
-            environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
+            self._building, self._scanner,
+            self.localizer.chosen(self._scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
             lost=self.lost_rule,
         )  # fmt: skip
 
-    @property
-    def _building_and_scanner(self) -> tuple[Environment, RangeScanner]:
-        kept, scanner = place_and_scanner(self.map, None)
-        return kept if self._environment is None else self._environment, scanner
-
     def _few_echoes(self, poses: Floats, along: Floats) -> float:
         if not self._needs_echoes:
             return 0.0
-        return few_echo_metres(*self._building_and_scanner, poses, along)
+        return few_echo_metres(self._building, self._scanner, poses, along)
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
