@@ -84,9 +84,15 @@ def test_the_corridor_is_told_along_itself(write: Write) -> None:
 
 
 def test_small_pieces_are_left_out(write: Write) -> None:
-    features = check_geojson(write("zones-geojson", "z.geojson", least_area=5.0)[0])
+    path = write("zones-geojson", "z.geojson", least_area=5.0)[0]
+    features = check_geojson(path)
     assert features
     assert all(properties["area_m2"] >= 5.0 for _, properties in features)
+    left_out = json.loads(path.read_text())["left_out_m2"]
+    every = write("zones-geojson", "all.geojson", least_area=0.0)[0]
+    areas = [sum(shape.area for shape, _ in found) for found in (features, check_geojson(every))]
+    assert left_out == pytest.approx(areas[1] - areas[0], abs=2e-3) and left_out > 0.0
+    assert json.loads(every.read_text())["left_out_m2"] == 0.0
 
 
 def osm_polygons(path: Path) -> list[tuple[shapely.Polygon, dict[str, str]]]:

@@ -98,7 +98,9 @@ def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> str:
+def collection(
+    export: MapExport, features: list[dict[str, Any]], what: str, **members: float
+) -> str:
     """Return a GeoJSON FeatureCollection that states where its coordinates lie."""
     attrs = export.amap.dataset.attrs
     document = {
@@ -108,6 +110,7 @@ def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> 
         "environment": str(attrs["environment"]),
         "environment_sha256": str(attrs.get("environment_sha256", "")),
         "scanner": str(attrs["scanner"]),
+        **members,
         "features": features,
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -126,13 +129,15 @@ def figures(piece: Piece) -> dict[str, float]:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the zones, one Feature per connected piece."""
-    features = [
-        feature(piece.polygon, zone=name, **figures(piece)) for name, piece in zone_pieces(export)
-    ]
+    """Write the zones, one Feature per connected piece, and the area of those left out."""
+    written = zone_pieces(export)
+    features = [feature(piece.polygon, zone=name, **figures(piece)) for name, piece in written]
     if not features:
         export.note_empty(path, NO_ZONES)
-    path.write_text(collection(export, features, "zones"), encoding="utf-8")
+    cells = np.isin(export.counted("zone"), export.zone_codes()).sum()
+    left_out = cells * export.amap.cell_area - sum(piece.polygon.area for _, piece in written)
+    text = collection(export, features, "zones", left_out_m2=abs(round(float(left_out), 3)))
+    path.write_text(text, encoding="utf-8")
     return (path,)
 
 
