@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,13 +159,13 @@ class PlanCall:
 
         if not self.speed.least_time:
             return [RoutePlanner(self.cost.service(amap), **self._settings)]
-        radius = self.robot.arguments()["footprint"].outer
+        radius = self._settings["footprint"].outer
         services = self.speed.services(amap, radius, self.forecast)
         return [RoutePlanner(service, **self._settings) for service in services]
 
-    @property
+    @cached_property
     def _settings(self) -> dict[str, Any]:
-        """Settings of the planners but for their costs."""
+        """Settings of the planners but for their costs; some are read from files, once."""
         return {
             **self.robot.arguments(),
             **self.limits.arguments(),

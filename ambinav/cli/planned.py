@@ -168,7 +168,7 @@ def show_routes(
             if name in lost.driven:
                 typer.echo(f"{name}: {lost.driven[name].sentence}{lost.contradiction(name)}")
             elif caveat := few_echoes_sentence(lost.few_echoes[name]):
-                typer.echo(f"{name}:{caveat}")
+                typer.echo(f"{name}:{caveat} Drive it by --verify.")
         typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (search.iterations or 0):

@@ -333,8 +333,8 @@ def few_echoes_sentence(metres: float) -> str:
     if metres < NOTABLE:
         return ""
     return (
-        f" On {metres:.1f} m of it fewer than 1 in {1.0 / FEW:.0f} beams return an echo: there "
-        "more robots get lost than is forecast, so check it by drives (plan --verify)."
+        f" On {metres:.1f} m of it fewer than 1 in {1.0 / FEW:.0f} beams return an echo, where "
+        "forecasts are often too low."
     )
 
 

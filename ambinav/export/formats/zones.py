@@ -136,7 +136,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         export.note_empty(path, NO_ZONES)
     cells = np.isin(export.counted("zone"), export.zone_codes()).sum()
     left_out = cells * export.amap.cell_area - sum(piece.polygon.area for _, piece in written)
-    text = collection(export, features, "zones", left_out_m2=abs(round(float(left_out), 3)))
+    text = collection(export, features, "zones", left_out_m2=round(float(left_out), 3) + 0.0)
     path.write_text(text, encoding="utf-8")
     return (path,)
 
