@@ -38,7 +38,7 @@ class LostFigures:
         localizer: Class of localizer.
         odometry: Name of the odometry.
         forecast: Forecast share of each.
-        few_echoes: Metres of each on which more robots get lost than is forecast.
+        few_echoes: Metres of each on which forecasts are often too low.
         driven: Drives; empty if none were asked for.
     """
 

@@ -58,8 +58,8 @@ class Forecast:
         causes: Stretches on which robots get lost, the worst first.
         localizer: The class of localizer that it is of.
         odometry: Errors of the odometry that it is of.
-        few_echoes: Metres on which few beams return an echo, so that more robots get lost than is
-            forecast (`ambinav.forecasting.few_echoes`); 0 for localizers that do not mind.
+        few_echoes: Metres on which few beams return an echo, where forecasts are often too low
+            (`ambinav.forecasting.few_echoes`); 0 for localizers that do not mind.
     """
 
     poses: Floats
@@ -89,7 +89,7 @@ class Forecast:
 
     @property
     def caveat(self) -> str:
-        """Where more robots get lost than is forecast, as a sentence after a blank; else empty."""
+        """Sentence, after a blank, on where forecasts are often too low; empty if nowhere."""
         return few_echoes_sentence(self.few_echoes)
 
     def __repr__(self) -> str:

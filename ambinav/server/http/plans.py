@@ -116,7 +116,7 @@ class RouteForecast(BaseModel):
     odometry: str = Field(description="Name of the odometry")
     largest_error_m: float = Field(description="Largest `error_m` of the curve")
     few_echoes_m: float = Field(
-        description="Metres on which few beams return an echo, and more get lost than is forecast"
+        description="Metres on which few beams return an echo, where forecasts are often too low"
     )
     causes: list[LossStretch] = Field(description="The worst first")
     curve: list[ForecastPoint] = Field(description="From start to goal")
