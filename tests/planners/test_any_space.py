@@ -127,7 +127,12 @@ def test_informed_planners_in_space(demo: AmbiguityService) -> None:
     setup.setStartAndGoalStates(vector(si, start), vector(si, goal))
     planner = og.InformedRRTstar(si)
     setup.setPlanner(planner)
-    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 150))
+    near = 1.05 * math.dist(start, goal)  # OMPL's seed is not set: some runs need more samples
+    setup.solve(
+        ob.PlannerTerminationCondition(
+            lambda: planner.bestCost().value() < near or planner.numIterations() >= 2000
+        )
+    )
     path = og.PathGeometric(setup.getSolutionPath())
     assert path.cost(objective).value() == pytest.approx(path.length())
     assert setup.haveExactSolutionPath()
