@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -25,7 +25,10 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.reports.conditions import Condition
+    from ambinav.studies.fleet.batch import Batch
+    from ambinav.studies.fleet.document import Result
     from ambinav.studies.fleet.fleet import Fleet
+    from ambinav.studies.fleet.unit import UnitDone
 
 SHOWN = 20
 """Rows of the table on the terminal."""
@@ -40,12 +43,27 @@ class WorkerOptions:
             [default: one per processor]
         dask (ADDRESS): Audit on the workers of a Dask scheduler, e.g. tcp://10.0.0.5:8786; they
             must reach the buildings and the output. [default: processes of this computer]
+        batch (K/N): Audit the K-th of N parts and write only its results, for array jobs and CI
+            matrices; the same command without it reads them there, makes what is missing, and
+            writes the report. [default: all]
     """
 
     PANEL: ClassVar[str] = "Workers"
 
     workers: int | None = None
     dask: str | None = None
+    batch: str | None = None
+
+    @property
+    def part(self) -> Batch | None:
+        """The part to audit; None: all.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        from ambinav.studies.fleet.batch import Batch
+
+        return Batch.parse(self.batch) if self.batch is not None else None
 
     def check(self) -> None:
         """Check the options before the long work.
@@ -108,7 +126,7 @@ def audit_fleet(
 
             prepare_processes("ambinav.studies.fleet.unit")
         from ambinav.maps.address import Address
-        from ambinav.studies.fleet.fleet import run_fleet, units_of
+        from ambinav.studies.fleet.fleet import run_batch, run_fleet, units_of
         from ambinav.studies.fleet.report import PAGE, STUDY
         from ambinav.studies.fleet.sites import read_sites
         from ambinav.studies.fleet.unit import FleetSettings
@@ -119,6 +137,12 @@ def audit_fleet(
         above_zero(robot_radius, "--robot-radius", "0.2")
         place = Address.of(output)
         conditions = gate.conditions(place.folder)
+        part = running.part
+        if part is not None and (conditions or as_json):
+            raise InputError(
+                f"{'--fail-if' if conditions else '--json'}: it is about the whole fleet, and "
+                "--batch audits a part; give it to the last command, the one without --batch."
+            )
         if place.folder is not None:
             check_writable(place.folder)
             STUDY.folder.check(place.folder)
@@ -129,16 +153,36 @@ def audit_fleet(
             resumable(output, "finished results are kept"),
             progress_bars(as_json or quiet) as bars,
         ):
-            fleet = run_fleet(
-                units, output, settings, workers=running.workers, scheduler=running.dask,
-                progress=bars("sites"),
-            )  # fmt: skip
+            how: dict[str, Any] = {
+                "workers": running.workers, "scheduler": running.dask, "progress": bars("sites")
+            }  # fmt: skip
+            if part is not None:
+                results = run_batch(units, output, settings, part, **how)
+            else:
+                fleet = run_fleet(units, output, settings, **how)
+        if part is not None:
+            _show_part(results, part, quiet=quiet)
+            return
         if as_json:
             typer.echo(fleet.document.model_dump_json(indent=2))
         elif not quiet:
             _show(fleet)
             show("", f"report: {output.rstrip('/')}/{PAGE}", wrap=False)
         _judge(fleet, conditions, gate, sites, as_json=as_json or quiet)
+
+
+def _show_part(results: Sequence[UnitDone], part: Batch, *, quiet: bool) -> None:
+    from ambinav.reports.pages import counted
+
+    _note_failed([done.result for done in results])
+    if quiet:
+        return
+    made = sum(done.was_made for done in results)
+    there = f", {len(results) - made} were there" if made < len(results) else ""
+    show(
+        f"Part {part}: {counted(made, 'audit')} made{there}.",
+        "When all parts have ended, the same command without --batch writes the report.",
+    )
 
 
 def _judge(
@@ -153,16 +197,11 @@ def _judge(
     from ambinav.studies.fleet.gate import judge_fleet, names_of
 
     results = [done.result for done in fleet.results]
-    failed = [done.result for done in fleet.failed]
-    if len(failed) == len(results):
+    if len(fleet.failed) == len(results):
         raise InputError(
-            f"{sites}: none of {len(results)} audits succeeded; the first one: {failed[0].error}"
+            f"{sites}: none of {len(results)} audits succeeded; the first one: {results[0].error}"
         )
-    if failed:
-        note(
-            f"{len(failed)} of {len(results)} audits failed, {names_of(failed)}; the first one: "
-            f"{failed[0].error}"
-        )
+    _note_failed(results)
     judged = [judge_fleet(condition, results) for condition in conditions]
     outcomes = [outcome for outcome, _ in judged if outcome is not None]
     gate.conclude(outcomes, sites, as_json=as_json)
@@ -172,6 +211,18 @@ def _judge(
                 f'--fail-if: "{condition}" cannot be checked at {len(lacking)} of {len(results)}, '
                 f"{names_of(lacking)}; see why in the report."
             )
+
+
+def _note_failed(results: Sequence[Result]) -> None:
+    """Name the audits that failed."""
+    from ambinav.studies.fleet.gate import names_of
+
+    failed = [result for result in results if result.status == "failed"]
+    if failed:
+        note(
+            f"{len(failed)} of {len(results)} audits failed, {names_of(failed)}; the first one: "
+            f"{failed[0].error}"
+        )
 
 
 def _show(fleet: Fleet) -> None:

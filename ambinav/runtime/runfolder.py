@@ -68,11 +68,15 @@ class RunFolder:
         return path
 
     @contextlib.contextmanager
-    def hold(self, folder: Path) -> Iterator[None]:
+    def hold(self, folder: Path, *, shared: bool = False) -> Iterator[None]:
         """Lock a folder for this process, and remove the leftovers of killed ones.
 
         It is made if it is missing. The system lets go of it when the process ends, whatever ends
         it. Windows has no such lock: there nothing is held.
+
+        Args:
+            folder: The folder.
+            shared: Whether others that share it may hold it too; then no leftovers are removed.
 
         Raises:
             InputError: another process holds it, or nothing can be written there.
@@ -83,16 +87,18 @@ class RunFolder:
                 import fcntl
 
                 try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+                    fcntl.flock(file, kind | fcntl.LOCK_NB)
                 except BlockingIOError:
                     raise InputError(
                         f"{lock.parent}: another run is at work here; wait for it, or choose "
                         "another output."
                     ) from None
-            kept = folder / self.kept
-            for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
-                if self._left(item):
-                    shutil.rmtree(item)
+            if not shared:
+                kept = folder / self.kept
+                for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
+                    if self._left(item):
+                        shutil.rmtree(item)
             yield
 
     def _owns(self, name: str) -> bool:

@@ -19,6 +19,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.work_queue import do_here
 from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.fleet.batch import Batch
 from ambinav.studies.fleet.catalogue import ITEMS
 from ambinav.studies.fleet.document import FleetDocument, RunPart
 from ambinav.studies.fleet.report import STUDY, fleet_document, write_report
@@ -121,24 +122,79 @@ def run_fleet(
         InputError: nothing can be written, another run is at work there, something else is there,
             or the scheduler does not answer.
     """
-    address = Address.of(output)
-    if address.folder is not None:
-        address = Address.of(STUDY.folder.check(address.folder).absolute())
-    work = FleetWork(address, settings, computing_digest())
-    queue = FleetQueue(work, deque(units), progress, len(units))
+    address = _place(output)
     with _held(address):
-        if scheduler is not None:
-            from ambinav.runtime.cluster import do_on_cluster
-
-            do_on_cluster(queue, SameCode(work, work.computed_by), scheduler, OPTION)
-        elif workers == 0:
-            do_here(queue, work)
-        else:
-            do_in_processes(queue, work, workers or os.cpu_count() or 1)
-        results = tuple(done for _, done in sorted(queue.results.items()))
+        results = _done(
+            units, FleetWork(address, settings, computing_digest()), workers, scheduler, progress
+        )
         report = fleet_document(results, settings)
         write_report(report, results, address)
     return Fleet(report, results)
+
+
+def run_batch(
+    units: Sequence[Unit],
+    output: str | Path,
+    settings: FleetSettings,
+    batch: Batch,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[UnitDone, ...]:
+    """Audit one part of the units, and write their results only.
+
+    Machines that share nothing but the output audit a part each, at the same time. `run_fleet` of
+    all units then finds their results there, makes those that are missing, and writes the rest.
+
+    Args:
+        units: All units of the fleet, in any order.
+        output: Folder, or URL that fsspec knows, the same for all parts.
+        settings: Settings of the audits.
+        batch: The part.
+        workers: Number of processes, see `run_fleet`.
+        scheduler: Address of a Dask scheduler, see `run_fleet`.
+        progress: Called with the share of the part that is done.
+
+    Returns:
+        The part's results.
+
+    Raises:
+        InputError: the part is empty; or as `run_fleet`.
+    """
+    part = batch.of(units)
+    if not part:
+        raise InputError(
+            f"--batch: {batch} is empty, as there are only {len(units)} audits; take fewer parts."
+        )
+    address = _place(output)
+    with _held(address, batch):
+        work = FleetWork(address, settings, computing_digest())
+        return _done(part, work, workers, scheduler, progress)
+
+
+def _place(output: str | Path) -> Address:
+    address = Address.of(output)
+    if address.folder is not None:
+        address = Address.of(STUDY.folder.check(address.folder).absolute())
+    return address
+
+
+def _done(
+    units: Sequence[Unit], work: FleetWork, workers: int | None, scheduler: str | None,
+    progress: Callable[[float], None],
+) -> tuple[UnitDone, ...]:  # fmt: skip
+    """Do the work for all units; return the results by site and scanner."""
+    queue = FleetQueue(work, deque(units), progress, len(units))
+    if scheduler is not None:
+        from ambinav.runtime.cluster import do_on_cluster
+
+        do_on_cluster(queue, SameCode(work, work.computed_by), scheduler, OPTION)
+    elif workers == 0:
+        do_here(queue, work)
+    else:
+        do_in_processes(queue, work, workers or os.cpu_count() or 1)
+    return tuple(done for _, done in sorted(queue.results.items()))
 
 
 @dataclass(eq=False)
@@ -188,16 +244,22 @@ class FleetQueue:
 
 
 @contextlib.contextmanager
-def _held(address: Address) -> Iterator[None]:
-    """Hold the output for this run, and remove the leftovers of killed ones."""
+def _held(address: Address, batch: Batch | None = None) -> Iterator[None]:
+    """Hold the output for this run; that of the whole removes the leftovers of killed ones.
+
+    Parts may be at work beside each other.
+    """
     if address.folder is None:
         address.check_writable()
-        with claimed(*address.files, address.place):
+        system, root = address.files
+        part = f"-{batch.number}-of-{batch.count}" if batch else ""
+        with claimed(system, f"{root}{part}", address.place):
             yield
         return
-    with STUDY.folder.hold(address.folder):
-        for folder in (RESULTS, ITEMS):
-            # Names of sites do not begin with a dot.
-            for path in [*(address.folder / folder).rglob(".*")]:
-                shutil.rmtree(path, ignore_errors=True)
+    with STUDY.folder.hold(address.folder, shared=batch is not None):
+        if batch is None:
+            for folder in (RESULTS, ITEMS):
+                # Names of sites do not begin with a dot.
+                for path in [*(address.folder / folder).rglob(".*")]:
+                    shutil.rmtree(path, ignore_errors=True)
         yield

@@ -112,6 +112,23 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert nothing.exit_code == 2 and "none of 4 audits succeeded" in nothing.stderr
 
 
+def test_parts_write_results_and_the_last_command_the_report(sites: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for part, failed in (("1/2", 1), ("2/2", 1)):
+        outcome = audit(sites, out, "--batch", part)
+        assert outcome.exit_code == 0 and f"Part {part}: 3 audits made." in outcome.stdout
+        assert f"{failed} of 3 audits failed, broken" in outcome.stderr
+    again = audit(sites, out, "--batch", "2/2")
+    assert "Part 2/2: 1 audit made, 2 were there." in again.stdout
+    assert not (out / "index.html").exists()
+    assert "2 audits made, 4 were there" in audit(sites, out).stdout
+    assert (out / "index.html").exists()
+    for more in (("--fail-if", "bad > 5 %"), ("--json",)):
+        refused = audit(sites, out, "--batch", "1/2", *more)
+        assert refused.exit_code == 2 and f"{more[0]}: it is about the whole" in refused.stderr
+    assert audit(sites, out, "--batch", "3").exit_code == 2
+
+
 def test_a_difference_lists_what_became_of_each_site(sites: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "a", tmp_path / "b"
     audited(sites, first)
