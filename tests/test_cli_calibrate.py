@@ -91,6 +91,14 @@ def test_draws_buildings_of_suites(folder: Path) -> None:
     assert drawn["loop-2"].name == "loop-2"
 
 
+def test_a_class_is_calibrated_as_the_localizer_that_it_drives() -> None:
+    """`product` is the name of a class, and of no localizer."""
+    begin, kind = calibrate_localizer._uncalibrated("product"), LocalizerClass.load("product")
+    assert begin.localizer == kind.localizer != "product"
+    assert (begin.distance, begin.angle, begin.made) == (kind.distance, kind.angle, "")
+    assert calibrate_localizer._uncalibrated("ekf").localizer == "ekf"
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

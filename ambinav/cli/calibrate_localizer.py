@@ -186,7 +186,11 @@ def _uncalibrated(name: str) -> LocalizerClass:
 
     path = Path(name)
     if path.suffix not in YAML:
-        return uncalibrated(name, name)
+        from ambinav.forecasting.localizer_class import LocalizerClass, localizer_classes
+
+        # A class's name may be none of a localizer's, as of `product`: it says what it drives.
+        known = name in localizer_classes()
+        return uncalibrated(name, LocalizerClass.load(name).localizer if known else name)
     plain: Any = parse_yaml(read_text(path), str(path), "give a mapping with the key type")
     if not isinstance(plain, Mapping) or "type" not in plain:
         raise InputError(f"{path} holds {reprlib.repr(plain)}; give a mapping with the key type.")

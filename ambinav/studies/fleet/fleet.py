@@ -88,7 +88,10 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
     ]
     units = []
     for site in sites:
-        own = [load(site.scanner, site.folder)] if site.scanner else common
+        try:
+            own = [load(site.scanner, site.folder)] if site.scanner else common
+        except InputError as error:
+            raise InputError(f"site {site.name!r}: {error}") from None
         if not own:
             raise InputError(f"--scanner: site {site.name!r} has none; give one or more.")
         units += [Unit(site, label, scanner) for label, scanner in own]

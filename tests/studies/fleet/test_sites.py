@@ -76,7 +76,7 @@ def test_a_folder_gives_its_buildings_and_nothing_else(tmp_path: Path) -> None:
     assert names == ["a/hall", "b/hall-geojson", "b/hall-wkt", "map", "odd__1__"]
 
 
-def test_two_scanners_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_scanners_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     write_room(tmp_path / "a.geojson", 3.0)
     from ambinav.sensing.scanner import RangeScanner
 
@@ -88,6 +88,9 @@ def test_two_scanners_of_one_name_are_refused(tmp_path: Path) -> None:
         units_of(read_sites(str(tmp_path)), list(map(str, files)))
     with pytest.raises(InputError, match="site 'a' has none"):
         units_of(read_sites(str(tmp_path)), [])
+    (tmp_path / "s.csv").write_text("site,building,scanner\nb,a.geojson,rplidar-z9\n")
+    with pytest.raises(InputError, match="site 'b': .*rplidar-z9"):
+        units_of(read_sites(str(tmp_path / "s.csv")), [])
 
 
 def test_a_map_at_a_url_is_read_with_its_image(tmp_path: Path) -> None:
