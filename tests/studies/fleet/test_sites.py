@@ -89,7 +89,7 @@ def test_scanners_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="site 'a' has none"):
         units_of(read_sites(str(tmp_path)), [])
     (tmp_path / "s.csv").write_text("site,building,scanner\nb,a.geojson,rplidar-z9\n")
-    with pytest.raises(InputError, match="site 'b': .*rplidar-z9"):
+    with pytest.raises(InputError, match=r"site 'b': .*rplidar-z9"):
         units_of(read_sites(str(tmp_path / "s.csv")), [])
 
 
