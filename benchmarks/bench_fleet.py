@@ -1,6 +1,7 @@
 """Audit a fleet of generated sites with one worker and with two, then kill workers and commands.
 
-Each run is the command itself, from its start to its end. Half of the kills (SIGKILL) are of a
+Each run is the command itself, from its start to its end; those with one worker and with two take
+turns, as other work on the machine comes and goes. Half of the kills (SIGKILL) are of a
 random worker, half of the command with all its workers, at random moments after it has made its
 first result; the same command then resumes. Whenever it comes to its end, every file is compared
 with that of the undisturbed run: results without their member `run`, and all others but
@@ -59,6 +60,11 @@ def seconds_of(sites: Path, output: Path, workers: int, spacing: float) -> float
     if started(sites, output, workers, spacing).wait():
         raise RuntimeError("ambinav fleet audit failed")
     return time.monotonic() - begun
+
+
+def spread(values: list[float], form: str) -> str:
+    """Format median and extremes."""
+    return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
 
 
 def content(output: Path) -> dict[str, bytes]:
@@ -137,7 +143,7 @@ def _kill(process: subprocess.Popen[bytes], rng: np.random.Generator) -> str:
 
 def main() -> int:
     """Run the benchmark; return the exit status."""
-    args = arguments(__doc__, sites=200, spacing=0.2, kills=30, seed=1)
+    args = arguments(__doc__, sites=200, spacing=0.2, rounds=3, kills=30, seed=1)
     from pyarrow import parquet
 
     folder = Path(tempfile.mkdtemp(prefix="bench-fleet-"))
@@ -146,7 +152,12 @@ def main() -> int:
         draw_sites(sites, args.sites)
         draw_sites(few, len(SUITES))
         seconds_of(few, folder / "warm", 0, args.spacing)  # kernels are compiled
-        seconds = {n: seconds_of(sites, folder / f"w{n}", n, args.spacing) for n in (1, 2)}
+        rounds: dict[int, list[float]] = {1: [], 2: []}
+        for _ in range(args.rounds):
+            for n, durations in rounds.items():
+                shutil.rmtree(folder / f"w{n}", ignore_errors=True)
+                durations.append(seconds_of(sites, folder / f"w{n}", n, args.spacing))
+        ratio = [first / second for first, second in zip(*rounds.values(), strict=True)]
         again = seconds_of(sites, folder / "w2", 2, args.spacing)
         first, second = content(folder / "w1"), content(folder / "w2")
         wrong = [name for name in sorted({*first, *second}) if first.get(name) != second.get(name)]
@@ -159,9 +170,9 @@ def main() -> int:
         )
         page = (folder / "w2" / "index.html").stat().st_size
         rows = [
-            ("seconds, 1 worker", f"{seconds[1]:.1f}"),
-            ("seconds, 2 workers", f"{seconds[2]:.1f}"),
-            ("times as fast", f"{seconds[1] / seconds[2]:.2f}"),
+            ("seconds, 1 worker", spread(rounds[1], ".1f")),
+            ("seconds, 2 workers", spread(rounds[2], ".1f")),
+            ("times as fast", spread(ratio, ".2f")),
             ("seconds, the same command again", f"{again:.1f}"),
             ("peak memory of a worker, MB", f"{peak:.0f}"),
             ("size of index.html, MB", f"{page / 1e6:.2f}"),
@@ -173,7 +184,7 @@ def main() -> int:
         body = (
             f"{args.sites} drawn sites, {SCANNER}, spacing {args.spacing:g} m, with advice; kills "
             f"{MOMENTS[0]:g} to {MOMENTS[1]:g} s apart, seed {args.seed}; {len(first)} files are "
-            "compared.\n\n"
+            f"compared. Of {args.rounds} rounds: median, lowest and highest.\n\n"
             f"{table(('', 'figure'), rows)}\n\n**{verdict}.**"
         )
         report("A fleet of sites", ("ambinav", "numba", "numpy", "pyarrow"), body, args.out)
