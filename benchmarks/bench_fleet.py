@@ -1,7 +1,8 @@
 """Audit a fleet of generated sites with one worker and with two, then kill workers and commands.
 
 Each run is the command itself, from its start to its end; those with one worker and with two take
-turns, as other work on the machine comes and goes. Half of the kills (SIGKILL) are of a
+turns, as other work on the machine comes and goes. What two processors can do at all is measured
+beside them: two plain loops at once against one. Half of the kills (SIGKILL) are of a
 random worker, half of the command with all its workers, at random moments after it has made its
 first result; the same command then resumes. Whenever it comes to its end, every file is compared
 with that of the undisturbed run: results without their member `run`, and all others but
@@ -34,6 +35,8 @@ SUITES = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
 SCANNER = "turtlebot3-lds"
 MOMENTS = (0.2, 4.0)
 """Seconds between two kills, from and to."""
+LOOP = "for i in range(100_000_000): i * i % 7"
+"""Work for one processor without memory, files or start-up to speak of."""
 UNDISTURBED = ("runs.parquet", "work/lock")
 """Files that are not compared."""
 
@@ -65,6 +68,19 @@ def seconds_of(sites: Path, output: Path, workers: int, spacing: float) -> float
 def spread(values: list[float], form: str) -> str:
     """Format median and extremes."""
     return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
+def ceiling() -> float:
+    """Return how many times as fast two loops that share nothing are at once."""
+    command = [sys.executable, "-c", LOOP]
+
+    def seconds(count: int) -> float:
+        begun = time.monotonic()
+        for process in [subprocess.Popen(command) for _ in range(count)]:
+            process.wait()
+        return time.monotonic() - begun
+
+    return 2.0 * seconds(1) / seconds(2)
 
 
 def content(output: Path) -> dict[str, bytes]:
@@ -153,7 +169,9 @@ def main() -> int:
         draw_sites(few, len(SUITES))
         seconds_of(few, folder / "warm", 0, args.spacing)  # kernels are compiled
         rounds: dict[int, list[float]] = {1: [], 2: []}
+        most = []
         for _ in range(args.rounds):
+            most.append(ceiling())
             for n, durations in rounds.items():
                 shutil.rmtree(folder / f"w{n}", ignore_errors=True)
                 durations.append(seconds_of(sites, folder / f"w{n}", n, args.spacing))
@@ -173,6 +191,7 @@ def main() -> int:
             ("seconds, 1 worker", spread(rounds[1], ".1f")),
             ("seconds, 2 workers", spread(rounds[2], ".1f")),
             ("times as fast", spread(ratio, ".2f")),
+            ("times as fast, two plain loops", spread(most, ".2f")),
             ("seconds, the same command again", f"{again:.1f}"),
             ("peak memory of a worker, MB", f"{peak:.0f}"),
             ("size of index.html, MB", f"{page / 1e6:.2f}"),
