@@ -203,7 +203,12 @@ def _judge(
         )
     _note_failed(results)
     judged = [judge_fleet(condition, results) for condition in conditions]
-    outcomes = [outcome for outcome, _ in judged if outcome is not None]
+    # What cannot be checked everywhere has not passed.
+    outcomes = [
+        outcome
+        for outcome, lacking in judged
+        if outcome is not None and (outcome.holds or not lacking)
+    ]
     gate.conclude(outcomes, sites, as_json=as_json)
     for condition, (_, lacking) in zip(conditions, judged, strict=True):
         if lacking:

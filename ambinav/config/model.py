@@ -150,6 +150,9 @@ def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) 
         return f"{at}: the key {key!r} is missing; add it."
     wish = re.sub(r"^(Input|Value|Tuple|List) should", "it should", first["msg"])
     wish = re.sub(r" after validation, not \d+$", "", wish)
+    # Files have lists and mappings, whatever Python makes of them.
+    wish = re.sub(r"a valid (tuple|list|set)", "a list", wish)
+    wish = wish.replace("a valid dictionary", "a mapping")
     return f"{at} is {shown(first['input'])}; {wish}."
 
 

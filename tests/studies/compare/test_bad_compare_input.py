@@ -73,6 +73,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         lambda p: p["pairs"][0].update(start=[3]),
         "pairs[0].start: give x and y in metres, and a heading in degrees if it matters",
     ),
+    "pairs that are none": (lambda p: p.update(pairs="A"), "pairs is 'A'; it should be a list."),
     "no pair": (lambda p: p.update(pairs=[]), "pairs is []; it should have at least 1 item."),
     "nowhere to go": (
         lambda p: p["pairs"][0].update(goal=p["pairs"][0]["start"]),

@@ -100,6 +100,7 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert 'failures="1"' in (tmp_path / "j.xml").read_text()
     unknown = audit(sites, out, "--fail-if", "bad > 99.9 %")
     assert unknown.exit_code == 2 and "cannot be checked at 2 of 6, broken" in unknown.stderr
+    assert "passed" not in unknown.output
     (sites / "broken.wkt").unlink()
     assert audit(sites, out, "--fail-if", "bad > 99.9 %").exit_code == 0
     least = audit(sites, out, "--fail-if", "counted area < 10 m2")
