@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +11,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.runtime.processes import processors
 
 if TYPE_CHECKING:
     from ambinav.studies.compare.document import PairPart
@@ -71,7 +71,7 @@ def compare(
             report, rows = compare_routes(
                 loaded,
                 output,
-                jobs=jobs or os.cpu_count() or 1,
+                jobs=jobs or processors(),
                 bars=bars,
                 image_format=pictures,
                 store=options.store_of(no_store),

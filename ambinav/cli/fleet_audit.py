@@ -198,24 +198,26 @@ def _judge(
 
     results = [done.result for done in fleet.results]
     if len(fleet.failed) == len(results):
-        raise InputError(
-            f"{sites}: none of {len(results)} audits succeeded; the first one: {results[0].error}"
-        )
+        why = f"none of {len(results)} audits succeeded; the first one: {results[0].error}"
+        unchecked = [(condition, why) for condition in conditions]
+        gate.conclude((), sites, as_json=as_json, unchecked=unchecked)
+        raise InputError(f"{sites}: {why}")
     _note_failed(results)
-    judged = [judge_fleet(condition, results) for condition in conditions]
-    # What cannot be checked everywhere has not passed.
-    outcomes = [
-        outcome
-        for outcome, lacking in judged
-        if outcome is not None and (outcome.holds or not lacking)
-    ]
-    gate.conclude(outcomes, sites, as_json=as_json)
-    for condition, (_, lacking) in zip(conditions, judged, strict=True):
-        if lacking:
-            raise InputError(
-                f'--fail-if: "{condition}" cannot be checked at {len(lacking)} of {len(results)}, '
-                f"{names_of(lacking)}; see why in the report."
+    outcomes, unchecked = [], []
+    for condition in conditions:
+        outcome, lacking = judge_fleet(condition, results)
+        # What cannot be checked everywhere has not passed.
+        if outcome is not None and (outcome.holds or not lacking):
+            outcomes.append(outcome)
+        else:
+            why = (
+                f"cannot be checked at {len(lacking)} of {len(results)}, {names_of(lacking)}; see "
+                "why in the report."
             )
+            unchecked.append((condition, why))
+    gate.conclude(outcomes, sites, as_json=as_json, unchecked=unchecked)
+    for condition, why in unchecked:
+        raise InputError(f'--fail-if: "{condition}" {why}')
 
 
 def _note_failed(results: Sequence[Result]) -> None:

@@ -117,13 +117,23 @@ class Gate:
         outcomes = [judge(condition, report) for condition in conditions]
         self.conclude(outcomes, map_file, as_json=as_json)
 
-    def conclude(self, outcomes: Sequence[Outcome], map_file: str | Path, *, as_json: bool) -> None:
-        """Write the files of some outcomes, and print them; arguments and errors as of `judge`."""
+    def conclude(
+        self,
+        outcomes: Sequence[Outcome],
+        map_file: str | Path,
+        *,
+        as_json: bool,
+        unchecked: Sequence[tuple[Condition, str]] = (),
+    ) -> None:
+        """Write the files of some outcomes, and print them; arguments and errors as of `judge`.
+
+        What is `unchecked`, with a sentence on why, goes into JUnit XML only: the caller says it.
+        """
         from ambinav.reports.junit import write_junit
         from ambinav.reports.sarif import write_sarif
 
         if self.junit is not None:
-            write_junit(outcomes, f"ambinav {self.COMMAND} {map_file}", self.junit)
+            write_junit(outcomes, f"ambinav {self.COMMAND} {map_file}", self.junit, unchecked)
         if self.sarif is not None:
             write_sarif(outcomes, self.COMMAND, map_file, self.sarif)
         for outcome in outcomes:

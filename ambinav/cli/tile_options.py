@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -12,6 +11,7 @@ import typer
 
 from ambinav.cli.running import INTERRUPTED, above_zero, note, progress_bars
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.processes import processors
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -114,7 +114,7 @@ class TileOptions:
     def _worker_count(self) -> int:
         """Return the number of workers for the time estimate; a scheduler is asked for its own."""
         if self.scheduler is None:
-            return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
+            return processors() if self.workers is None else max(self.workers, 1)
         from ambinav.runtime.cluster import threads_of
 
         return max(threads_of(self.scheduler), 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import re
 import threading
@@ -151,9 +152,10 @@ class Address:
             InputError: they cannot be listed.
         """
         if not self.is_url:
-            root = Path(self.place)
-            paths = (path for path in root.rglob("*") if path.is_file())
-            return sorted(path.relative_to(root).as_posix() for path in paths)
+            # What others remove meanwhile is passed over, which Path.rglob does not do.
+            root = self.place
+            paths = (Path(folder, name) for folder, _, names in os.walk(root) for name in names)
+            return sorted(path.relative_to(root).as_posix() for path in paths if path.is_file())
         try:
             system, base = self.files
             return sorted(path.removeprefix(base).lstrip("/") for path in system.find(base))

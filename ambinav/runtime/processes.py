@@ -16,6 +16,12 @@ from contextlib import contextmanager
 from ambinav.runtime.errors import InputWarning
 
 
+def processors() -> int:
+    """Return how many processors this process may use: a job may have fewer than the machine."""
+    affinity = getattr(os, "sched_getaffinity", None)  # only some systems have it
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
 @contextmanager
 def putting_signals_off() -> Iterator[None]:
     """Block Ctrl-C and termination while processes start.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import shutil
 import sys
@@ -16,6 +17,8 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import writable_parent
 
 LOCK: Final = "lock"
+NO_LOCKS: Final = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+"""What file systems without locks answer."""
 """Name of the file that a run holds."""
 WORK: Final = "work"
 """Folder of what is kept to go on after a break."""
@@ -72,7 +75,8 @@ class RunFolder:
         """Lock a folder for this process, and remove the leftovers of killed ones.
 
         It is made if it is missing. The system lets go of it when the process ends, whatever ends
-        it. Windows has no such lock: there nothing is held.
+        it. Where there is no such lock, as on Windows and on some shared file systems, nothing is
+        held.
 
         Args:
             folder: The folder.
@@ -82,7 +86,7 @@ class RunFolder:
             InputError: another process holds it, or nothing can be written there.
         """
         lock = folder / self.locked / LOCK
-        with (writable_parent(lock) / LOCK).open("ab") as file:
+        with (writable_parent(lock) / LOCK).open("a+b") as file:
             if sys.platform != "win32":
                 import fcntl
 
@@ -94,6 +98,9 @@ class RunFolder:
                         f"{lock.parent}: another run is at work here; wait for it, or choose "
                         "another output."
                     ) from None
+                except OSError as error:
+                    if error.errno not in NO_LOCKS:
+                        raise
             if not shared:
                 kept = folder / self.kept
                 for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):

@@ -6,10 +6,11 @@ import math
 import tempfile
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar, overload
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,9 +118,7 @@ class Client(AmbiguityService):
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
-        if self.id not in served:
-            raise InputError(f"{url} has no map {map!r}; it serves {', '.join(served)}.")
-        self.info: dict[str, Any] = served[self.id]
+        self.info: dict[str, Any] = served.get(self.id) or self._unlisted(served)
         self._match = {"if-match": f'"{self.info["digest"]}"'}
         self.layer = self.info["cost_layer"] if layer is None else layer
         self._layers = {layer_info["name"]: layer_info for layer_info in self.info["layers"]}
@@ -129,6 +128,17 @@ class Client(AmbiguityService):
         self.power, self.clearance_weight, self.comfort = 1.0, 0.0, 0.5
         self.preferred, self.outside_weight, self.plain = None, 1.0, None
         self._base: list[AmbiguityService] = []  # shared by all weights
+
+    def _unlisted(self, served: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the description of a map that is not listed, as edited ones are not."""
+        try:
+            info: dict[str, Any] = self._get(f"/v1/maps/{quote(self.id, safe='')}", patience=0.0)
+        except InputError:
+            url = self._given[0]
+            raise InputError(
+                f"{url} has no map {self.id!r}; it serves {', '.join(served)}."
+            ) from None
+        return info
 
     def __getattr__(self, name: str) -> Any:
         """Fetch the map at the first access to an attribute that needs it."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
+
+from ambinav.runtime.processes import processors
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Limits:
     plan_seconds: float = 30.0
     job_seconds: float = 120.0
     audit_seconds: float = 900.0
-    plans: int = field(default_factory=lambda: max((os.cpu_count() or 2) // 2, 1))
+    plans: int = field(default_factory=lambda: max(processors() // 2, 1))
     audits: int = 1
     waiting: int = 8
     kept_audits: int = 8

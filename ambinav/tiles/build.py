@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from ambinav.maps.store import check_target
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import move_onto
+from ambinav.runtime.processes import processors
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.runtime.work_queue import do_here
 from ambinav.runtime.workers import do_in_processes
@@ -135,7 +135,7 @@ def run_plan(
             elif workers == 0:
                 do_here(queue, work)
             else:
-                do_in_processes(queue, work, workers or os.cpu_count() or 1)
+                do_in_processes(queue, work, workers or processors())
             settings = plan.job.settings
             radius = judged_radius(settings.scanner, settings.model)
             judge = FloorJudge.for_robot(plan.environment, radius)

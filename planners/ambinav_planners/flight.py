@@ -138,7 +138,8 @@ class FlightPlanner:
             planner_name: One of rrtstar, informed-rrtstar, sorrtstar and bitstar.
             seconds: Time limit.
             iterations: Budget in the planner's own iterations; None for no limit.
-            seed: With a seed and iterations the route is always the same.
+            seed: With a seed and iterations (unless the time limit ends planning first) the route
+                is always the same.
             improved: True: take shortcuts of the planner's path where they cost less.
 
         Raises:

@@ -277,3 +277,30 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
     assert [(one.state, one.detail) for one in failed] == [("failed", OURS)] * 3
     assert "secret" in caplog.text
     assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_only_so_many_finished_audits_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fails(_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr("ambinav.server.jobs.audit_jobs.started", fails)
+    limits = Limits(audits=1, waiting=3, kept_audits=2)
+
+    async def some() -> list[Audit]:
+        audits = Audits(ServedMaps(), limits, State(None), lambda: tmp_path, print)
+        begun = []
+        for _ in range(5):
+            plan = Sent("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
+            begun.append(await audits.begin([plan], "", 0.1, 0.5, None, "me"))  # type: ignore[list-item]
+            assert begun[-1].job is not None
+            await begun[-1].job
+        assert [audits.get(one.id) for one in begun[-2:]] == begun[-2:]
+        for one in begun[:-2]:
+            with pytest.raises(Problem, match="no longer kept"):
+                audits.get(one.id)
+        return begun
+
+    begun = asyncio.run(some())
+    assert {path.name for path in tmp_path.iterdir()} == {one.folder.name for one in begun[-2:]}

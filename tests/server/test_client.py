@@ -17,11 +17,13 @@ import numpy as np
 import pytest
 
 import ambinav as an
+from ambinav.runtime.errors import InputError
 from ambinav.server import client as client_module
 from ambinav.server.client import ServerError
 from ambinav.server.http.app import create_app
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live, running
+from tests.server.test_state import post_at
 
 
 @pytest.fixture
@@ -52,6 +54,16 @@ def test_answers_are_the_services_bit_for_bit(
         assert client.cost(-9.0, 0.0, 0.0) == math.inf
         assert np.asarray(client.cost([], [], [])).shape == (0,)
         assert "map" not in vars(client), "none of these needs the map's arrays"
+
+
+def test_a_client_opens_an_edited_map(live: Live) -> None:
+    """It is not listed, but has an id like any other."""
+    made = live.http.post("/v1/maps/map/edits", json=post_at(1.0)).json()
+    with an.Client(live.url, made["id"]) as client, an.Client(live.url, "map") as original:
+        assert client.id == made["id"] and client.info["digest"] != original.info["digest"]
+        assert client.cost(2.0, 1.0) > 0.0
+    with pytest.raises(InputError, match="has no map 'map--0123456789abcdef'; it serves "):
+        an.Client(live.url, "map--0123456789abcdef")
 
 
 def test_what_needs_arrays_fetches_them_once(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import math
@@ -24,6 +25,7 @@ from ambinav.server.jobs.edit_sessions import SUPERSEDED, EditedMap, EditPool
 from ambinav.server.jobs.workers import EditTask
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
+from ambinav.server.served import ServedMap
 from ambinav.server.wire import write_dataset
 from tests.server.idle_edits import until_stopped
 from tests.server.live import Live, wait_until
@@ -345,6 +347,26 @@ def test_the_latest_edit_of_a_session_wins(
     wait_until(lambda: not pool.busy)
     assert worker.process.is_alive()
     assert live.context.maps.edited == ()
+
+
+def test_sessions_of_one_name_on_two_maps_are_two(
+    serve: Callable[..., Live], corridor: an.AmbiguityMap, turning: an.AmbiguityMap
+) -> None:
+    live = serve([corridor, turning])
+    edits, maps = live.context.edits, [*live.context.maps]
+    asked: list[str] = []
+
+    async def find(base: ServedMap, *_: object) -> ServedMap:
+        asked.append(base.name)
+        while len(asked) < 2:
+            await asyncio.sleep(0.001)
+        return base
+
+    async def both() -> list[Any]:
+        edits._find = find  # type: ignore[method-assign, assignment]
+        return await asyncio.gather(*(edits.find(base, (), "team") for base in maps))
+
+    assert [found.name for found, _ in asyncio.run(both())] == [base.name for base in maps]
 
 
 def test_an_edit_that_takes_too_long_is_ended(

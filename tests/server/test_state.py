@@ -110,6 +110,29 @@ def test_of_two_edits_from_one_step_one_is_kept(tmp_path: Path) -> None:
     state.close()
 
 
+def test_an_undo_does_not_undo_what_came_meanwhile(tmp_path: Path) -> None:
+    """Each moves from the step that it has seen, to the map that it has found."""
+    state = State(tmp_path)
+    for step, name in enumerate(("map--a", "map--b", "map--c"), start=1):
+        assert state.keep_edit(name, "map", "{}", "s") == step
+    state.move("s", "map", 3, 2, "map--b")
+    with pytest.raises(StaleStepError):
+        state.move("s", "map", 3, 2, "map--b")  # the same undo, asked for twice at once
+    assert state.keep_edit("map--d", "map", "{}", "s", after=2) == 3
+    with pytest.raises(StaleStepError):
+        state.move("s", "map", 2, 1, "map--a")  # an undo that had begun before the edit
+    with pytest.raises(StaleStepError):
+        state.move("s", "map", 3, 2, "map--x")
+    assert state.steps("s", "map")[0] == 3
+    state.move("s", "map", 3, 2, "map--b")
+    state.move("s", "map", 2, 1, "map--a")
+    state.move("s", "map", 1, 0, "map")
+    state.delete_session("s", "map")
+    with pytest.raises(StaleStepError):
+        state.move("s", "map", 1, 0, "map")
+    state.close()
+
+
 @pytest.mark.slow
 def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"

@@ -232,7 +232,8 @@ class Context:
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
         """Compute a result once for each map, in a thread; concurrent callers share the task."""
-        kept = self._kept.setdefault(served, {})
+        # What was forgotten while somebody still asked for it is not kept again.
+        kept = self._kept.setdefault(served, {}) if self.maps.holds(served) else {}
         task = kept.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
             task = kept[name] = asyncio.create_task(self.in_thread(work, served))

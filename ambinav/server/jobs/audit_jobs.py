@@ -105,7 +105,6 @@ class Audits:
         self._folder = folder
         self._forget = forget
         self._turns = Turns(limits.audits, limits.waiting, "audits")
-        self._most = limits.kept_audits + limits.audits + limits.waiting
         self._all: dict[str, Audit] = {}
         self._closed = False
 
@@ -171,7 +170,6 @@ class Audits:
                 level=level,
                 unit=unit,
             )
-            self._forget_old()
             kept = {**asdict(task), "folder": folder.name, "client": client}
             self._state.keep_job(audit.id, KIND, kept)
         except BaseException:
@@ -240,6 +238,7 @@ class Audits:
             served = self._maps.add(amap, task.title)
             await self._state.job_ended(audit.id, "done", served.name)
             audit.change(state="done", stage="report", done=1.0, served=served)
+            self._forget_old()
         except asyncio.CancelledError:
             raise  # `_stop_all` tells who follows
         except TimeoutError:
@@ -252,11 +251,11 @@ class Audits:
     async def _failed(self, audit: Audit, detail: str) -> None:
         await self._state.job_ended(audit.id, "failed", detail)
         audit.change(state="failed", detail=detail)
+        self._forget_old()
 
     def _forget_old(self) -> None:
-        for audit in [audit for audit in self._all.values() if audit.state in OVER]:
-            if len(self._all) <= self._most:
-                return
+        over = [audit for audit in self._all.values() if audit.state in OVER]
+        for audit in over[: -self._limits.kept_audits or None]:
             self._drop(audit)
 
     def _drop(self, audit: Audit) -> None:

@@ -37,6 +37,8 @@ STALE: Final = (
     "with after={0}."
 )
 
+MOVED: Final = "The session has moved to step {} meanwhile; get its steps, and ask again."
+
 Obstacles = tuple[DrawnObstacle, ...]
 
 
@@ -113,7 +115,7 @@ class Edits:
         self._folder = folder
         self._forget = forget
         self.pool = EditPool(limits.edits, limits.waiting, limits.edit_seconds)
-        self._latest: dict[str, asyncio.Task[ServedMap]] = {}
+        self._latest: dict[tuple[str, str], asyncio.Task[ServedMap]] = {}
         self._numbers = itertools.count()
 
     async def find(
@@ -160,11 +162,14 @@ class Edits:
             self.state.check_step(after, editor, session, base.name)
         task = asyncio.ensure_future(self._find(base, obstacles, session))
         if session is not None:
-            before = self._latest.get(session)
+            key = session, base.name
+            before = self._latest.get(key)
             if before is not None:
                 _cancel(before)
-            self._latest[session] = task
-        task.add_done_callback(partial(self._over, session))
+            self._latest[key] = task
+            task.add_done_callback(partial(self._over, key))
+        else:
+            task.add_done_callback(_heard)
         try:
             found = await asyncio.shield(task)
             text = to_json(collection(obstacles)).decode()
@@ -196,7 +201,8 @@ class Edits:
         """Undo (-1) or redo (+1) a step of a session, and return its map and its number.
 
         Raises:
-            Problem: there is no such step, or its map cannot be computed.
+            Problem: there is no such step, its map cannot be computed, or the session moved on
+                meanwhile.
         """
         position, steps = self.state.steps(session, base.name)
         names = {number: name for number, name, _, _ in steps} | {0: base.name}
@@ -205,14 +211,16 @@ class Edits:
             what = "undo" if by < 0 else "redo"
             raise Problem(409, f"The session {session!r} has no step to {what}.", field="session")
         found = base if name == base.name else await self.restored(name)
-        self.state.move(session, base.name, position + by)
+        try:
+            self.state.move(session, base.name, position, position + by, name)
+        except StaleStepError as stale:
+            raise Problem(409, MOVED.format(stale.position), field="session") from None
         return found, position + by
 
-    def _over(self, session: str | None, task: asyncio.Task[ServedMap]) -> None:
-        if session is not None and self._latest.get(session) is task:
-            del self._latest[session]
-        if not task.cancelled():
-            task.exception()  # whoever has gone away does not ask for it
+    def _over(self, key: tuple[str, str], task: asyncio.Task[ServedMap]) -> None:
+        if self._latest.get(key) is task:
+            del self._latest[key]
+        _heard(task)
 
     def of(self, base: ServedMap) -> list[EditedMap]:
         """Return the edited maps of a map."""
@@ -281,6 +289,11 @@ class Edits:
 
 def _opened(path: Path, name: str) -> AmbiguityMap:
     return AmbiguityMap(read_dataset(path), source=name)
+
+
+def _heard(task: asyncio.Task[ServedMap]) -> None:
+    if not task.cancelled():
+        task.exception()  # whoever has gone away does not ask for it
 
 
 def _cancel(task: asyncio.Task[ServedMap]) -> None:

@@ -48,7 +48,7 @@ CREATE TABLE IF NOT EXISTS jobs (
 
 
 class StaleStepError(Exception):
-    """An edit goes on from a step that is no longer the current one of its session."""
+    """An edit or an undo goes on from a step that is no longer the current one of its session."""
 
     def __init__(self, position: int) -> None:
         super().__init__(position)
@@ -219,9 +219,25 @@ class State:
         with self._lock:
             return self._position(session, map), rows
 
-    def move(self, session: str, map: str, position: int) -> None:
-        """Set the position of a session, after its map was found."""
+    def move(self, session: str, map: str, before: int, position: int, name: str) -> None:
+        """Set the position of a session, after its map was found.
+
+        Args:
+            session: Name of the session.
+            map: Id of the original.
+            before: Its position so far.
+            position: The new one.
+            name: Id of the map at that step.
+
+        Raises:
+            StaleStepError: it is at another one meanwhile, or the step is another one.
+        """
         with self._change() as data:
+            step = self._step(position, session, map)
+            there = map if position == 0 else None if step is None else step[0]
+            now = self._position(session, map)
+            if now != before or there != name:
+                raise StaleStepError(now)
             data.execute("REPLACE INTO sessions VALUES (?, ?, ?)", (session, map, position))
 
     def delete_session(self, session: str, map: str) -> None:

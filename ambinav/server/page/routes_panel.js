@@ -164,9 +164,10 @@ export class RoutesPanel {
   }
 
   async #trade() {
+    const id = this.floor.shown;
     const found = await this.#run("Planning one route for each weight …", (signal) =>
-      this.source.pareto(this.floor.shown, { ...this.#request(), weights: CURVE }, signal));
-    if (!found) return;
+      this.source.pareto(id, { ...this.#request(), weights: CURVE }, signal));
+    if (!found || this.floor.shown !== id) return;
     const points = Array.isArray(found) ? found : (found.points ?? found.routes);
     fill(this.curve, paretoChart(points, (point) => {
       this.store.set({ trial: { ...point, key: "trial", name: point.label, style: routeStyle("ambiguity", 1) }, chosen: "trial", weight: point.weight });

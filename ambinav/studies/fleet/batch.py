@@ -44,7 +44,8 @@ class Batch:
     def of(self, units: Sequence[Unit]) -> tuple[Unit, ...]:
         """Return its units, the same for any order of all: every unit is in one part.
 
-        Neighbours in the list of sites, which tend to take as long, are in different parts.
+        Each part has about as many of each scanner; neighbours in the list of sites, which tend to
+        take as long, are in different parts.
         """
-        ordered = sorted(units, key=lambda unit: unit.file)
+        ordered = sorted(units, key=lambda unit: (unit.label, unit.site.name))
         return tuple(ordered[self.number - 1 :: self.count])

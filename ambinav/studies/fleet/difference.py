@@ -164,8 +164,8 @@ QUANTITIES: Final[Quantities] = catalogue(
         lambda report: _total(report.changes), _where("worse"), least=-float("inf"),
     ),
     _count("worse", "with more bad floor"),
-    _count("failed", "that were audited in A and failed in B"),
+    _count("failed", "that failed in B and not in A"),
     _count("vanished", "that only A has"),
-    _count("appeared", "that only B has"),
+    _count("appeared", "that only B has, and that did not fail there"),
 )  # fmt: skip
 """Figures for conditions, by their names."""

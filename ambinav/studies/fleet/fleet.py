@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from ambinav.map_building.same_code import SameCode
 from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.processes import processors
 from ambinav.runtime.work_queue import do_here
 from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
@@ -196,7 +196,7 @@ def _done(
     elif workers == 0:
         do_here(queue, work)
     else:
-        do_in_processes(queue, work, workers or os.cpu_count() or 1)
+        do_in_processes(queue, work, workers or processors())
     return tuple(done for _, done in sorted(queue.results.items()))
 
 

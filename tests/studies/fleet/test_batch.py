@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import fsspec
 import pytest
@@ -31,6 +35,10 @@ def test_every_unit_is_in_one_part(names: list[str], count: int) -> None:
     assert sorted(unit.file for part in parts for unit in part) == sorted(u.file for u in units)
     sizes = {len(part) for part in parts}
     assert max(sizes) - min(sizes) <= 1
+    both = [replace(unit, label=label) for unit in units for label in ("a1", "s2")]
+    for part in (Batch(number, count).of(both) for number in range(1, count + 1)):
+        of_one = sum(unit.label == "a1" for unit in part)
+        assert abs(len(part) - 2 * of_one) <= 1
     assert [Batch(k + 1, count).of(units[::-1]) for k in range(count)] == parts
 
 
@@ -82,6 +90,23 @@ def test_parts_work_beside_each_other_but_not_beside_the_whole(sites: Path, tmp_
         run_batch(units, out, SETTINGS, Batch(1, 3), workers=0)
     with pytest.raises(InputError, match=r"--batch: 7/7 is empty, as there are only 6 audits"):
         run_batch(units, out, SETTINGS, Batch(7, 7), workers=0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_a_file_system_without_locks_holds_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    def flock(file: IO[bytes], kind: int) -> None:
+        # NFS takes a shared lock on what may be read only.
+        assert file.readable() and file.writable()
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    for shared in (True, False):
+        with STUDY.folder.hold(tmp_path / "out", shared=shared):
+            assert (tmp_path / "out").is_dir()
 
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "1/", "-1/3", "a/b", "1/2/3", "\u0661/\u0663"])

@@ -98,7 +98,8 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert holds.exit_code == 3
     assert re.search(r"At 1 of 6: north/corridor \(turtlebot3-lds\) \d", holds.stdout)
     assert 'failures="1"' in (tmp_path / "j.xml").read_text()
-    unknown = audit(sites, out, "--fail-if", "bad > 99.9 %")
+    unknown = audit(sites, out, "--fail-if", "bad > 99.9 %", "--junit", str(tmp_path / "j.xml"))
+    assert 'tests="1" failures="0" errors="1"' in (tmp_path / "j.xml").read_text()
     assert unknown.exit_code == 2 and "cannot be checked at 2 of 6, broken" in unknown.stderr
     assert "passed" not in unknown.output
     (sites / "broken.wkt").unlink()
@@ -109,7 +110,8 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert refused.exit_code == 2 and "is not searched for in a fleet" in refused.stderr
     for name in ("room.geojson", "north/corridor.geojson"):
         (sites / name).write_text("{")
-    nothing = audit(sites, out)
+    nothing = audit(sites, out, "--fail-if", "bad > 5 %", "--junit", str(tmp_path / "j.xml"))
+    assert "none of 4 audits succeeded" in (tmp_path / "j.xml").read_text()
     assert nothing.exit_code == 2 and "none of 4 audits succeeded" in nothing.stderr
 
 
