@@ -107,6 +107,10 @@ def test_of_two_edits_from_one_step_one_is_kept(tmp_path: Path) -> None:
     assert state.keep_edit("map--d", "map", "{}", "s", after=1, editor="me") == 3
     with pytest.raises(StaleStepError):
         state.check_step(1, "you", "s", "map")
+    state.move("s", "map", 3, 2, "map--c")  # somebody else undoes the last step of mine
+    with pytest.raises(StaleStepError):
+        state.check_step(3, "me", "s", "map")
+    assert state.keep_edit("map--e", "map", "{}", "s", after=2, editor="me") == 3
     state.close()
 
 

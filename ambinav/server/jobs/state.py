@@ -140,7 +140,8 @@ class State:
             map: Id of the original.
             obstacles: Obstacles as GeoJSON.
             session: Name of the session; None: none.
-            after: Position that the session must be at, or at a step of the same editor; None: any.
+            after: Position that the session must be at, or at a later step of the same editor; None:
+                any.
             editor: Who makes the edit, any name.
 
         Raises:
@@ -192,7 +193,8 @@ class State:
         if after in (None, position):
             return
         last = self._step(position, session, map)
-        if last is None or editor is None or last[1] != editor:
+        # A step back was an undo, of which the editor of the step may not have heard.
+        if last is None or editor is None or last[1] != editor or position < after:
             raise StaleStepError(position)
 
     def check_step(self, after: int | None, editor: str | None, session: str, map: str) -> None:

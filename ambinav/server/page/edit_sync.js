@@ -75,7 +75,9 @@ export class EditSync {
       const before = this.#step;
       const { position, steps } = await this.source.session(map.id, this.session);
       const isMine = steps.some(({ number, editor }) => number === position && editor === this.editor);
-      if (position !== before && !isMine && this.#step === before && !isBusy()) await this.#yield();
+      // This page undoes by a step of its own: a step back is somebody else's undo.
+      const isOurs = position === before || (isMine && position > before);
+      if (!isOurs && this.#step === before && !isBusy()) await this.#yield();
     } catch {
       // The next look, or the next edit, says what is wrong.
     }
