@@ -223,7 +223,9 @@ def test_what_is_worked_out_once_is_waited_for_by_all(corridor: an.AmbiguityMap)
         await asyncio.gather(first[0], return_exceptions=True)
         release.set()
         failed = await asyncio.gather(*first[1:], return_exceptions=True)
-        return [*failed, await context.once(served, "seven", work)]
+        again = await context.once(served, "seven", work)
+        assert served not in context._kept  # which is of no map that is served
+        return [*failed, again]
 
     *failed, found = asyncio.run(many())
     assert [str(one) for one in failed] == ["not this time."] * 4

@@ -232,13 +232,16 @@ class Context:
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
         """Compute a result once for each map, in a thread; concurrent callers share the task."""
-        # What was forgotten while somebody still asked for it is not kept again.
-        kept = self._kept.setdefault(served, {}) if self.maps.holds(served) else {}
+        kept = self._kept.setdefault(served, {})
         task = kept.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
             task = kept[name] = asyncio.create_task(self.in_thread(work, served))
-        # A caller that is cancelled must not cancel the task for the others.
-        result: T = await asyncio.shield(task)
+        try:
+            # A caller that is cancelled must not cancel the task for the others.
+            result: T = await asyncio.shield(task)
+        finally:
+            if not self.maps.holds(served):
+                self._kept.pop(served, None)  # it was forgotten meanwhile
         return result
 
     def end(self) -> None:
