@@ -140,7 +140,7 @@ class State:
             map: Id of the original.
             obstacles: Obstacles as GeoJSON.
             session: Name of the session; None: none.
-            after: Position that the session must be at, or at a later step of the same editor; None:
+            after: Position that the session must be at, or a later step of the same editor; None:
                 any.
             editor: Who makes the edit, any name.
 
