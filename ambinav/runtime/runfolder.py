@@ -7,13 +7,14 @@ import errno
 import json
 import shutil
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.files import writable_parent
 
 LOCK: Final = "lock"
@@ -82,6 +83,9 @@ class RunFolder:
             folder: The folder.
             shared: Whether others that share it may hold it too; then no leftovers are removed.
 
+        Warns:
+            InputWarning: its file system has no locks.
+
         Raises:
             InputError: another process holds it, or nothing can be written there.
         """
@@ -101,6 +105,12 @@ class RunFolder:
                 except OSError as error:
                     if error.errno not in NO_LOCKS:
                         raise
+                    warnings.warn(
+                        f"{lock.parent}: this file system has no locks, so nothing keeps another "
+                        "run out; start no other one here until this one has ended.",
+                        InputWarning,
+                        stacklevel=3,
+                    )
             if not shared:
                 kept = folder / self.kept
                 for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
