@@ -216,7 +216,8 @@ def _judge(
             )
             unchecked.append((condition, why))
     gate.conclude(outcomes, sites, as_json=as_json, unchecked=unchecked)
-    for condition, why in unchecked:
+    if unchecked:
+        condition, why = unchecked[0]
         raise InputError(f'--fail-if: "{condition}" {why}')
 
 
