@@ -53,19 +53,19 @@ def at(page: Any, x: float, y: float) -> tuple[float, float]:
     """Pixels of a point of the map frame, from two points that the page tells the metres of."""
     box = page.locator(".map").bounding_box()
     known: list[tuple[float, ...]] = []
-    told: tuple[float, ...] = ()
+    reading: tuple[float, ...] = ()
     for share in (0.3, 0.6):
         px, py = box["x"] + share * box["width"], box["y"] + share * box["height"]
         page.mouse.move(px - 3, py - 3)
         page.mouse.move(px, py)
-        readout, before, last = page.locator(".readout[data-x]"), told, ()
-        for _ in range(100):  # a busy machine tells it late
+        readout, before, last = page.locator(".readout[data-x]"), reading, ()
+        for _ in range(100):  # a busy machine is late
             page.wait_for_timeout(150)
             readout.wait_for()
-            last, told = told, tuple(float(readout.get_attribute(f"data-{a}")) for a in "xy")
-            if told == last and told != before:
+            last, reading = reading, tuple(float(readout.get_attribute(f"data-{a}")) for a in "xy")
+            if reading == last and reading != before:
                 break
-        known.append((px, py, *told))
+        known.append((px, py, *reading))
     (ax, ay, amx, amy), (bx, by, bmx, bmy) = known
     return (
         ax + (x - amx) / (bmx - amx) * (bx - ax),
@@ -141,20 +141,20 @@ def test_values_at_the_pointer_are_those_of_the_service(page, live):
         page.mouse.move(*at(page, x, y))
         readout = page.locator(".readout[data-x]")
         names = "level", "major_radius", "minor_radius", "clearance"
-        for _ in range(50):  # a busy machine tells it late
+        for _ in range(50):  # a busy machine is late
             page.wait_for_timeout(500)
             readout.locator("dd[data-layer=level]").wait_for()
             px, py = (float(readout.get_attribute(f"data-{axis}")) for axis in "xy")
-            told = [
+            reading = [
                 float(readout.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
                 for name in names
             ]
             found = live.get("/v1/maps/map/values", x=f"{px:.4f}", y=f"{py:.4f}")
             expected = pytest.approx([found["values"][name] for name in names], abs=1e-9)
-            if (px, py) == pytest.approx((x, y), abs=0.15) and told == expected:
+            if (px, py) == pytest.approx((x, y), abs=0.15) and reading == expected:
                 break
         assert (px, py) == pytest.approx((x, y), abs=0.15)  # whole pixels
-        assert told == expected
+        assert reading == expected
         cost = float(readout.locator("dd[data-layer=cost]").get_attribute("data-value"))
         assert cost == pytest.approx(found["cost"])
         assert (found["zone"] or found["judged"]) in readout.inner_text().lower()
