@@ -15,6 +15,7 @@ from ambinav.buildings.coverage import Coverage
 from ambinav.buildings.edge_fit import furthest, strays
 from ambinav.buildings.ring_checks import crossing, enclosures
 from ambinav.buildings.simplify import simplify_ring
+from ambinav.config import as_number
 from ambinav.geometry.collision.collision_geometry import drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import OccupancyGrid
@@ -74,7 +75,7 @@ def environment_from_grid(
     if gap is None:
         gap = GAP_CELLS * cell if cell <= LARGEST_DEFAULT_GAP else 0.0
     for key, value in (("tolerance", tolerance), ("gap", gap), ("min_area", min_area)):
-        if not (math.isfinite(value) and value >= 0.0):
+        if not as_number(value, key) >= 0.0:
             raise InputError(f"{key} is {value!r}; it must be a length of at least 0 in metres.")
     name = grid.source.stem if grid.source is not None else "grid"
     # Add a margin before rounding down: 0.15 / 0.05 is 2.9999999999999996.

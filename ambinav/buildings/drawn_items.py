@@ -180,7 +180,10 @@ def _properties(label: str, properties: dict[str, Any]) -> Tags:
         raise InputError(
             f"{label}: kind is {reprlib.repr(kind)}; did you mean {' or '.join(near)}?"
         )
-    thickness = properties.get("thickness", 0.0)
+    # Programs of geographic information give every feature every column.
+    thickness = properties.get("thickness")
+    if thickness is None:
+        thickness = 0.0
     if not is_number(thickness) or thickness < 0.0:
         raise InputError(
             f"{label}: thickness is {reprlib.repr(thickness)}; it must be at least 0 m."

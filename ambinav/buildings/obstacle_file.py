@@ -24,6 +24,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from ambinav.buildings.drawn_items import is_number
 from ambinav.buildings.shapes import SHORTEST
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.geometry.obstacle import Obstacle
@@ -140,18 +141,14 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
 
 
 def _point(label: str, node: Any) -> tuple[float, float]:
-    if not isinstance(node, list | tuple) or len(node) < 2 or not all(map(_is_number, node[:2])):
+    if not isinstance(node, list | tuple) or len(node) < 2 or not all(map(is_number, node[:2])):
         raise InputError(f"{label}: {reprlib.repr(node)} is no point; give x and y in metres.")
     return float(node[0]), float(node[1])
 
 
 def _length(label: str, name: str, value: Any, least: float, most: float = THICKEST) -> float:
-    if not _is_number(value) or not least <= value <= most:
+    if not is_number(value) or not least <= value <= most:
         raise InputError(
             f"{label}: {name} is {reprlib.repr(value)}; give {least:g} to {most:g} metres."
         )
     return float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

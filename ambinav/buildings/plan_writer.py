@@ -17,7 +17,8 @@ def plan_geojson(environment: Environment) -> dict[str, Any]:
     """Return a building as a FeatureCollection: rooms, thin walls, openings and reflectors.
 
     What is read of it has the same free space and the same segments, up to where collinear ones
-    begin and end. Occupied cells beside the free space (`Environment.drivable`) are left out.
+    begin and end and pieces below a centimetre. Occupied cells beside the free space
+    (`Environment.drivable`) are left out.
     """
     segments = environment.segments
     bright = {tuple(row) for row in segments.xy[segments.reflectors].tolist()}

@@ -167,7 +167,7 @@ def _examine(
     from ambinav.studies.audit.aliasing import find_aliasing
     from ambinav.studies.audit.audit import Audit
     from ambinav.studies.audit.audit import audit as examine
-    from ambinav.studies.audit.figures import gate_of
+    from ambinav.studies.audit.gate_check import GateCheck
     from ambinav.studies.audit.lost_routes import find_lost_routes
     from ambinav.studies.audit.report import write_audit
 
@@ -197,8 +197,8 @@ def _examine(
         # Meanwhile the pictures are drawn, which need neither forecasts nor advice.
         result = forecast(result)
         go_on()
-        passes = gate_of(conditions, result) if conditions else None
-        return advise(result, posts=reported.posts, passes=passes, report=report)
+        gate = GateCheck(conditions, result) if conditions else None
+        return advise(result, posts=reported.posts, gate=gate, report=report)
 
     if reported.no_advice:
         result = forecast(result)

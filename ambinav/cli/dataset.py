@@ -25,6 +25,7 @@ def dataset(
     episodes: Annotated[int, typer.Option("--episodes", "-n")] = 10,
     seed: int = 0,
     author: str | None = None,
+    trust: options.Trust = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Record episodes as Minari data sets, one for each planner and policy.
@@ -62,7 +63,7 @@ def dataset(
             policy, planner = list(REACTIVE), ["reference:5"]
         methods = [
             *([] if not planner else planner_methods(planner)),
-            *(policy_method(name) for name in dict.fromkeys(policy or [])),
+            *(policy_method(name, trust=trust) for name in dict.fromkeys(policy or [])),
         ]
         with progress_bars(as_json) as bars:
             made = record_datasets(

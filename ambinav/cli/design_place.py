@@ -209,7 +209,7 @@ def place(
         _, count = obstacles.kind()
         obstacles.rules()
         check_report(STUDY, output, pictures)
-        regions = bad.regions()
+        regions, zones = bad.regions(), keep_out_zones(obstacles.keep_out)
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
@@ -228,7 +228,7 @@ def place(
                 bars,
                 examine=obstacles.examine,
                 aged=obstacles.aged,
-                keep_out=keep_out_zones(obstacles.keep_out),
+                keep_out=zones,
             )
             if output is None:
                 report = document(study, count)

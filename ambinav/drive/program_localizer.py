@@ -118,7 +118,13 @@ class ProgramLocalizer:
         folder = tempfile.TemporaryDirectory(prefix="ambinav-localizer-")
         path = Path(folder.name) / "map.yaml"
         raster = raster_of(context.environment, None, CELL)
-        save_map_server(path, occupancy(context.environment, raster), raster, "trinary", **TRINARY)
+        save_map_server(
+            path,
+            occupancy(context.environment, raster, for_rays=True),
+            raster,
+            "trinary",
+            **TRINARY,
+        )
         self._errors: IO[bytes] = (Path(folder.name) / "stderr").open("w+b")
         try:
             self._process = subprocess.Popen(

@@ -14,6 +14,7 @@ from PIL import Image
 
 from ambinav.export.raster import Raster
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import edges_of
 from ambinav.runtime.errors import InputError
 
 FREE: Final = 254
@@ -65,7 +66,8 @@ def raster_of(environment: Environment, resolution: float | None, spacing: float
     Raises:
         InputError: there would be too many.
     """
-    size = resolution or environment.resolution or spacing
+    # Far from the origin, the last digits of a lattice's spacing are those of its coordinates.
+    size = float(np.round(resolution or environment.resolution or spacing, 9))
     extent = environment.extent
     if extent is not None and _upright(extent):
         xmin, ymin, xmax, ymax = extent.bounds
@@ -89,21 +91,32 @@ def _upright(extent: shapely.Polygon) -> bool:
     return bool(math.isclose(extent.area, shapely.box(*extent.bounds).area, rel_tol=1e-9))
 
 
-def occupancy(environment: Environment, raster: Raster) -> NDArray[np.uint8]:
+def occupancy(
+    environment: Environment, raster: Raster, *, for_rays: bool = False
+) -> NDArray[np.uint8]:
     """Return the grey value of each cell, uint8, (ny, nx): free, occupied or unknown.
 
     A cell is free if its centre is where a robot may be (`Environment.collision`) and, on a drawn
-    plan, no wall runs through it. Where a wall runs through a cell that is not free, or, on a
-    building from an occupancy map, within `REACH` cells of it, it is occupied; the rest is
-    unknown.
+    plan, no wall runs through it, nor a pane that rays pass. Where one runs through a cell that is
+    not free, or, on a building from an occupancy map, within `REACH` cells of it, it is occupied;
+    the rest is unknown.
+
+    Args:
+        environment: The building.
+        raster: The cells.
+        for_rays: Draw of a drawn plan what rays meet: panes that they pass are floor.
     """
-    walls = environment.segments.xy[environment.segments.walls]
-    floor = environment.free if environment.drivable is None else environment.drivable
-    free = raster.inside(floor)
-    if environment.resolution is None:
-        free &= ~raster.crossed(walls)
-    near = raster.crossed(walls)
-    if environment.resolution is not None:
+    barriers = environment.segments.xy[environment.segments.walls]
+    floor, drivable = environment.free, environment.drivable
+    is_plan = environment.resolution is None
+    if drivable is not None and not (is_plan and for_rays):
+        floor = drivable
+        if is_plan:
+            barriers = np.vstack([barriers, edges_of(drivable)])
+    free, near = raster.inside(floor), raster.crossed(barriers)
+    if is_plan:
+        free &= ~near
+    else:
         from scipy.ndimage import binary_dilation  # takes a third of a second
 
         steps = np.arange(-math.floor(REACH), math.floor(REACH) + 1)

@@ -266,7 +266,7 @@ class Environment:
         Raises:
             InputError: the radius is negative or not a number.
         """
-        if not radius >= 0.0:
+        if not as_number(radius, "is_free: radius") >= 0.0:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         if radius > 0.0:

@@ -15,8 +15,8 @@ from ambinav.runtime.kernels import kernel
 # Bins per metre and per turn.
 PER_METRE = 2.0
 HEADINGS = 36
-# Bins are numbered from here on to either side, in x and y.
-MIDDLE = 1 << 20
+# Bins in x and in y: these lie half a million metres apart at least, and are told apart no more.
+SIDE = 1 << 21
 
 
 def table_size(particles: int) -> int:
@@ -27,11 +27,12 @@ def table_size(particles: int) -> int:
 @kernel(inline="always")
 def bin_of(x, y, theta):
     """Return the bin of a pose as one number."""
-    column = int(math.floor(x * PER_METRE)) + MIDDLE
-    row = int(math.floor(y * PER_METRE)) + MIDDLE
+    # Wrapped, so that no coordinate of a national grid makes a bin negative, as of an empty entry.
+    column = int(math.floor(x * PER_METRE)) & (SIDE - 1)
+    row = int(math.floor(y * PER_METRE)) & (SIDE - 1)
     turn = theta / (2.0 * math.pi)
     heading = min(int((turn - math.floor(turn)) * HEADINGS), HEADINGS - 1)
-    return (row * (2 * MIDDLE) + column) * HEADINGS + heading
+    return (row * SIDE + column) * HEADINGS + heading
 
 
 @kernel(inline="always")
@@ -113,11 +114,13 @@ def label_clusters(bins, keys, entry, label, stack):
             depth -= 1
             key = keys[stack[depth]]
             heading, cell = key % HEADINGS, key // HEADINGS
+            north, east = cell // SIDE, cell % SIDE
             for turn in range(-1, 2):
                 other = (heading + turn + HEADINGS) % HEADINGS
                 for row in range(-1, 2):
                     for column in range(-1, 2):
-                        beside = (cell + row * (2 * MIDDLE) + column) * HEADINGS + other
+                        place = (north + row & SIDE - 1) * SIDE + (east + column & SIDE - 1)
+                        beside = place * HEADINGS + other
                         k = place_of(beside, keys)
                         if keys[k] >= 0 and label[k] < 0:
                             label[k] = clusters

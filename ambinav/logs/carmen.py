@@ -23,6 +23,8 @@ NO_RETURN_SHARE: Final = 0.997
 MOST_DAMAGED: Final = 0.01
 # Metres and radians: what CARMEN's six digits leave of equality, 200 m from the origin.
 SAME_POSE: Final = 2e-3
+# Metres and radians by which a laser may sit elsewhere than the parameters say.
+MISPLACED: Final = 0.5
 # Share of steps forward in time below which the time stamps mean nothing.
 FORWARD_SHARE: Final = 0.95
 # Share of the scans after which odometry goes on from the corrected pose, in a log that does so.
@@ -84,8 +86,13 @@ def read_carmen(
     # Against the first, so that a laser that looks back is not torn apart at -pi and pi.
     spread = between(seat[0], seat)
     fixed = bool((np.abs(spread - np.median(spread, axis=0)) < SAME_POSE).all())
+    middle = compose(seat[0], np.median(spread, axis=0))
+    stated = lines.mount if mount is None else mount
+    if fixed and stated is not None and np.abs(middle).max() >= SAME_POSE:
+        # Odometry without errors, in a frame of its own: the laser does not sit that far off.
+        fixed = float(np.abs(between(stated, middle)).max()) < MISPLACED
     if mount is None:
-        mount = _mount(lines, compose(seat[0], np.median(spread, axis=0)) if fixed else None)
+        mount = _mount(lines, middle if fixed else None)
     rebased = fixed and _rebased(lines, laser)
     odometry = _chained(lines) if rebased else robot
     return Log(

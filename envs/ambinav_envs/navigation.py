@@ -167,7 +167,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     |                     |                | {"file": "a.yaml", "space": {"extrude": 2.5}}        |
     | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any,   |
     |                     |                | a new one each episode; the ids of the suites say 64 |
-    | `first_building`    | 0              | number of the first of them                          |
+    | `first_building`    | `None`         | number of the first of them; None: the task's, or 0  |
     | `render_mode`       | `None`         | "human" or "rgb_array"                               |
     | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |
     | `max_episode_steps` | `None`         | as `max_steps`; `gym.make` does not pass it on       |
@@ -212,7 +212,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         *,
         map: str | Path | Mapping[str, Any] | Environment | None = None,
         buildings: int | None = None,
-        first_building: int = 0,
+        first_building: int | None = None,
         render_mode: str | None = None,
         render_view: str = "auto",
         max_episode_steps: int | None = None,

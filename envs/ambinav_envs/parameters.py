@@ -49,6 +49,10 @@ GLOBAL: Final = ("mcl", "perfect")
 """The localizers that need no first estimate."""
 MOST_WALLS_STD: Final = 0.2
 """Metres. Walls that are off by more cross each other."""
+MOST_SECONDS: Final = 1e6
+MOST_MAP_STD: Final = 100.0
+"""Metres."""
+_Deviation = Annotated[float, number(above=0, most=1e6)]
 MOST_LATE: Final = 1000
 """Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
@@ -229,20 +233,20 @@ class NavigationParameters:
     min_speed: Number = 0.0
     discrete: Switch = False
     declare: Annotated[tuple[str, ...], BeforeValidator(_declare)] = ()
-    declare_seconds: Positive = 0.5
-    help_seconds: Positive = 15.0
+    declare_seconds: Annotated[float, number(above=0, most=MOST_SECONDS)] = 0.5
+    help_seconds: Annotated[float, number(above=0, most=MOST_SECONDS)] = 15.0
     belief: Switch = False
     max_steps: Annotated[int, integer(most=10**9)] = 300
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
     iterations: Annotated[int, integer(most=1000)] = 2
     gate: Positive = 3.0
-    map_std: NonNegative | None = None
+    map_std: Annotated[float, number(least=0, most=MOST_MAP_STD)] | None = None
     mcl: Annotated[InstanceOf[MclParameters], of_mapping(MclParameters)] | None = None
     odometry: Annotated[InstanceOf[OdometryNoise], of_mapping(OdometryNoise)] = field(
         default_factory=OdometryNoise
     )
     odometry_scale: Annotated[float, number(least=0, most=100)] = 1.0
-    start_std: Annotated[tuple[Positive, Positive, Positive], row(3, "give 3 numbers")] = (
+    start_std: Annotated[tuple[_Deviation, _Deviation, _Deviation], row(3, "give 3 numbers")] = (
         0.05, 0.05, 0.02,
     )  # fmt: skip
     goal_radius: Positive = 0.3
@@ -341,7 +345,8 @@ class NavigationParameters:
             "longest", self.longest > self.shortest, f"more than shortest, {self.shortest:g}"
         )
         radius = self.goal_radius
-        self._require("success_radius", self.success_radius >= radius, f"at least {radius:g}")
+        enough = f"at least goal_radius, {radius:g}"
+        self._require("success_radius", self.success_radius >= radius, enough)
         if not self.ambiguity_seen and self.waypoint and self.ambiguity_weight > 0.0:
             raise InputError(
                 f"ambiguity_seen is False and ambiguity_weight is {self.ambiguity_weight:g}, by "

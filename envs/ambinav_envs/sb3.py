@@ -96,6 +96,7 @@ class NavigationVecEnv(VecEnv):
         self.envs = envs
         self.all_info = all_info
         self._actions: NDArray[Any] | None = None
+        self._begun = False
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         self.metadata = {**envs.metadata, "render_modes": self.metadata["render_modes"]}
 
@@ -110,6 +111,10 @@ class NavigationVecEnv(VecEnv):
                 same[0].append(i)
             else:
                 groups.append((own, [i]))
+        if len(groups) > 1 and not self._begun and isinstance(self.envs, SyncVectorEnv):
+            # It has no observation of those that a mask leaves out before they have begun.
+            self.envs.reset(seed=seeds)
+        self._begun = True
         for own, rows in groups:
             mask = np.zeros(self.num_envs, dtype=np.bool_)
             mask[rows] = True

@@ -25,7 +25,7 @@ def scenario(
     suite: str | None,
     map: str | Path | Mapping[str, Any] | Environment | None,
     buildings: int | None,
-    first_building: int,
+    first_building: int | None,
     max_episode_steps: int | None,
     options: dict[str, Any],
 ) -> tuple[BuildingSource, NavigationParameters]:
@@ -35,8 +35,9 @@ def scenario(
         suite: Name of a suite of buildings, whatever files there are.
         map: An environment file, whatever suites there are, or an environment, instead; or the file
             with how it is read, see `map_file.MapFile`.
-        buildings: How many of the suite's buildings are drawn from; None: a new one every time.
-        first_building: Number of the first of them.
+        buildings: How many of the suite's buildings are drawn from; None: a new one every time, or
+            as many as the task says.
+        first_building: Number of the first of them; None: that of the task, or 0.
         max_episode_steps: As the parameter `max_steps`, by the name that Gymnasium has for it;
             `gymnasium.make` keeps it to itself and does not pass it on.
         options: Fields of `NavigationParameters`.
@@ -47,19 +48,23 @@ def scenario(
     if options.get("task") is not None:
         own = {
             "suite": suite, "map": map, "buildings": buildings,
-            "first_building": first_building or None, "max_episode_steps": max_episode_steps,
+            "first_building": first_building, "max_episode_steps": max_episode_steps,
         }  # fmt: skip
         given = {name: value for name, value in own.items() if value is not None}
         options = with_task({**options, **given})
         suite, map = options.pop("suite", None), options.pop("map", None)
-        buildings, first_building = options.pop("buildings", None), options.pop("first_building", 0)
+        buildings, first_building = (
+            options.pop("buildings", None),
+            options.pop("first_building", None),
+        )
         max_episode_steps = options.pop("max_episode_steps", None)
     if max_episode_steps is not None:
         options = options | {"max_steps": max_episode_steps}
     parameters = NavigationParameters.of(options)
     source = BuildingSource(
         _buildings_of(suite, map, parameters), parameters.scanner, parameters.robot.radius,
-        count=buildings, first=first_building, layers=on_request(parameters.cost_layer),
+        count=buildings, first=0 if first_building is None else first_building,
+        layers=on_request(parameters.cost_layer),
     )  # fmt: skip
     return source, parameters
 
@@ -73,7 +78,7 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
     options = dict(arguments)
     count, steps = options.pop("buildings", None), options.pop("max_episode_steps", None)
     suite, place = options.pop("suite", None), options.pop("map", None)
-    return scenario(suite, place, count, options.pop("first_building", 0), steps, options)
+    return scenario(suite, place, count, options.pop("first_building", None), steps, options)
 
 
 def _buildings_of(

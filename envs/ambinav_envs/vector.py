@@ -39,7 +39,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
     """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
 
     Seeded with s, robot i has the same episodes, bit for bit, as a `NavigationEnv` seeded with
-    s + i. Arrays returned by a step are C-contiguous and never modified later.
+    s + i. Observations and rewards are C-contiguous; no array is modified by later steps.
 
     Args:
         num_envs: N.
@@ -74,7 +74,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         *,
         map: str | Path | Mapping[str, Any] | Environment | None = None,
         buildings: int | None = None,
-        first_building: int = 0,
+        first_building: int | None = None,
         render_mode: str | None = None,
         render_view: str = "auto",
         max_episode_steps: int | None = None,

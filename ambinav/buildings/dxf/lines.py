@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -98,7 +98,8 @@ def drawn_in(
         for layer in document.layers
         if layer.is_off() or layer.is_frozen()
     }
-    everything = _expanded(where, document.modelspace(), None, 0)
+    frozen = {layer.dxf.name.casefold() for layer in document.layers if layer.is_frozen()}
+    everything = _expanded(where, document.modelspace(), None, 0, frozen, skipped)
     for count, (layer, entity) in enumerate(everything):
         if count >= MOST:
             raise InputError(f"{where}: its blocks hold over {MOST} entities; purge the drawing.")
@@ -116,19 +117,33 @@ def drawn_in(
 
 
 def _expanded(
-    where: str, entities: Iterable[Any], layer: str | None, depth: int
+    where: str,
+    entities: Iterable[Any],
+    layer: str | None,
+    depth: int,
+    frozen: Set[str],
+    skipped: Counter[str],
 ) -> Iterator[tuple[str, Any]]:
-    """Yield entities and their layers, those of inserted blocks too."""
+    """Yield entities and their layers, those of inserted blocks too.
+
+    A block that is invisible, or inserted on a frozen layer, is hidden as a whole; on a layer that
+    is off, only what takes its layer from it is.
+    """
     if depth > DEEPEST:
         raise InputError(f"{where}: a block contains itself; purge or audit the drawing.")
     for entity in entities:
         own = entity.dxf.get("layer", "0")
         own = layer if layer is not None and own == "0" else own
         if entity.dxftype() == "INSERT":
+            if own.casefold() in frozen or entity.dxf.get("invisible", 0):
+                skipped["INSERT on hidden layers"] += 1
+                continue
             # The tags of rooms are such.
             yield from ((own, attribute) for attribute in entity.attribs)
             for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                yield from _expanded(where, insert.virtual_entities(), own, depth + 1)
+                yield from _expanded(
+                    where, insert.virtual_entities(), own, depth + 1, frozen, skipped
+                )
         else:
             yield own, entity
 

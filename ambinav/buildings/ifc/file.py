@@ -37,6 +37,7 @@ from ambinav.buildings.section_floor import (
     filled,
     opened,
 )
+from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.files import ends_with, sha256
@@ -120,6 +121,7 @@ def read_storey(
     """Read a storey as `load_ifc` does, with the parts that it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
+    height = as_number(height, f"{path}: height")
     if not 0.0 < height <= HIGHEST:
         raise InputError(
             f"{path}: height is {height:g}; give metres above the floor, above 0 and up to "

@@ -62,7 +62,7 @@ def _meaning(name: str) -> str:
         "y": "centres of the cells, metres",
         "theta": "headings of the robot, radians",
         "segments": "walls and frontiers: ax, ay, bx, by, metres",
-        "segment_kind": "0: wall, 1: frontier to unknown space, 2: reflector",
+        "segment_kind": "0: wall, 1: frontier to unknown space, 2: reflector, 3: glass",
         "attributes": "where the map comes from, JSON text",
     }.get(name, "")
 

@@ -19,14 +19,14 @@ from ambinav.studies.audit.counterfactual.search import (
     find_counterfactuals,
 )
 from ambinav.studies.audit.counterfactual.trips import find_trips
+from ambinav.studies.audit.gate_check import GateCheck
 from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.verdict import Verdict
 
-Passes = Callable[[Sequence[float]], bool]
-"""Function that checks whether a gate passes, given square metres of judged floor by zone."""
-
 LITTLE: Final = 0.01
 """Share of the judged floor up to which bad floor is not worth a change."""
+UNKNOWN_GATE: Final = " Only an audit with that change shows whether the gate then passes."
+"""Ends the sentence where conditions are on figures that are not known of a change."""
 SEED: Final = 0
 """Seed of the sampled places, so that the same audit gives the same verdict."""
 
@@ -35,7 +35,7 @@ def advise(
     result: Audit,
     *,
     posts: int | None = None,
-    passes: Passes | None = None,
+    gate: GateCheck | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
     """Return the audit with a verdict, and with posts if they can help.
@@ -44,18 +44,18 @@ def advise(
         result: The audit.
         posts: Number of posts to place in any case, 0 for none; None: three if they may remove
             more than other scanners and routes do.
-        passes: Function that returns whether the gate would pass; None: there is no gate.
+        gate: The gate that the audit is to pass; None: there is none.
         report: Called with the share done.
     """
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area
     if not result.area:
         return replace(result, verdict=Verdict("unknown", _unexplored_sentence(result), before))
-    passed = passes is not None and passes([share.area for share in result.shares])
-    little = before <= LITTLE * result.area if passes is None else passed
+    little = before <= LITTLE * result.area
+    if gate is not None:
+        little = not gate.failing or (little and gate.is_fixed) or not before > 0.0
+    nothing = Verdict("nothing", _nothing_to_do(result, before, gate), before)
     if little and not posts:
-        return replace(
-            result, verdict=Verdict("nothing", _nothing_to_do(result, before, passed), before)
-        )
+        return replace(result, verdict=nothing)
     rng = np.random.default_rng(SEED)
     trips = find_trips(result.amap, rng)
     tried = find_counterfactuals(
@@ -74,24 +74,19 @@ def advise(
             sorted((*tried, *_post_changes(helps, before)), key=lambda change: change.after.value)
         )
     report(1.0)
-    if little:
-        verdict = Verdict("nothing", _nothing_to_do(result, before, passed), before, tried=tried)
-    else:
-        verdict = decide(result, before, tried, passes)
+    verdict = replace(nothing, tried=tried) if little else decide(result, before, tried, gate)
     return replace(result, verdict=verdict, helps=helps)
 
 
 def decide(
-    result: Audit, before: float, tried: Sequence[Counterfactual], passes: Passes | None
+    result: Audit, before: float, tried: Sequence[Counterfactual], gate: GateCheck | None
 ) -> Verdict:
     """Choose the verdict from the changes that were tried.
 
     What reaches the gate comes first, and of it the least work; else what removes nearly as much
     as the best, and of it the least work.
     """
-    reaching = [
-        change for change in tried if passes and change.zones is not None and passes(change.zones)
-    ]
+    reaching = [change for change in tried if gate is not None and _passes(gate, change)]
     paying = [change for change in tried if change.removed >= PAYS * before]
     gated = bool(reaching)
     candidates = as_good(paying)
@@ -118,9 +113,18 @@ def decide(
             f"{first.title}: {metres2(before)} of {metres2(result.area)} leave the robot lost with "
             f"{result.scanner.name}. {first.detail}"
         )
-    if passes is not None:
-        sentence += " Then the gate passes." if gated else " The gate fails even then."
+    if gated:
+        sentence += " Then the gate passes."
+    elif gate is not None:
+        is_open = _passes(gate, first) is None
+        sentence += UNKNOWN_GATE if is_open else " The gate fails even then."
     return Verdict(first.kind, sentence, before, (first, *others.values()), tuple(tried), gated)
+
+
+def _passes(gate: GateCheck, change: Counterfactual) -> bool | None:
+    """Return whether a gate passes after a change; None if that is not known."""
+    # Other routes leave the floor as it is.
+    return change.zones is not None and gate.passes(change.zones)
 
 
 def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
@@ -134,7 +138,7 @@ def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     after = Interval(helps.left[-1], helps.left[-1], helps.left[-1], 0)
     title = f"Place {count} post{'s' if count > 1 else ''}"
     detail = f"At x, y = {where} m."
-    return [Counterfactual("building", title, detail, before, after, helps.improved)]
+    return [Counterfactual("building", title, detail, before, after, helps.improved, helps.zones)]
 
 
 def _area_text(after: Interval) -> str:
@@ -155,10 +159,14 @@ def _well_localized(result: Audit) -> str:
     )
 
 
-def _nothing_to_do(result: Audit, before: float, passed: bool) -> str:
-    if passed:
+def _nothing_to_do(result: Audit, before: float, gate: GateCheck | None) -> str:
+    if gate is None:
+        return f"Nothing to do: {_well_localized(result)}."
+    if not gate.failing:
         return f"Nothing to do: the gate passes; {metres2(before)} of floor leave the robot lost."
-    return f"Nothing to do: {_well_localized(result)}."
+    well = _well_localized(result)
+    names = " and ".join(dict.fromkeys(condition.quantity.name for condition in gate.failing))
+    return f"{well[0].upper()}{well[1:]}, but the gate fails on other figures: {names}."
 
 
 def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:

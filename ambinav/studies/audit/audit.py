@@ -153,8 +153,11 @@ class Audit:
 
     def _worst_sentence(self) -> str:
         """Describe the worst region in one sentence."""
-        if not self.findings:
+        if not self.regions:
             return "There is no bad place of notable size."
+        if not self.findings:
+            several = f"are {self.regions} bad places" if self.regions > 1 else "is one bad place"
+            return f"There {several} of notable size, not listed here."
         worst = self.findings[0].place
         kind = "an open area" if worst.zone == "open" else "a corridor effect"
         where = f"over {metres2(worst.area)} around x = {worst.x:.1f} m, y = {worst.y:.1f} m."

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
-from ambinav.reports.conditions import Condition, Quantities, Quantity, catalogue, judge
-from ambinav.studies.audit.audit import Audit
-from ambinav.studies.audit.document import Document, PlacePart, ZonePart, document
+from ambinav.reports.conditions import Quantities, Quantity, catalogue
+from ambinav.studies.audit.document import Document, PlacePart, ZonePart
 
 ALIASING: Final = frozenset({"aliased", "aliased area", "aliased pairs"})
 """Those that ask for perceptual aliasing to be sought."""
@@ -162,38 +161,6 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
 )  # fmt: skip
 """By their names."""
-
-
-def gate_of(conditions: Sequence[Condition], audit: Audit) -> Callable[[Sequence[float]], bool]:
-    """Return a function that checks whether a gate passes with other areas of the zones.
-
-    Args:
-        conditions: Conditions on the audit's figures. Those that are no areas or shares of zones
-            stay as they are.
-        audit: The audit.
-
-    Returns:
-        Takes square metres of judged floor in each zone, in the order of `ZONES`.
-    """
-    report = document(audit)
-
-    def passes(areas: Sequence[float]) -> bool:
-        total = max(sum(areas), 1e-9)
-        zones = tuple(
-            zone.model_copy(
-                update={
-                    "area_m2": area,
-                    "share": area / total,
-                    "share_best_heading": None,
-                    "share_worst_heading": None,
-                }
-            )
-            for zone, area in zip(report.zones, areas, strict=True)
-        )
-        changed = report.model_copy(update={"zones": zones})
-        return not any(judge(condition, changed).holds for condition in conditions)
-
-    return passes
 
 
 def _aliased(report: Document, what: str) -> float | None:

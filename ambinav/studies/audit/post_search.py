@@ -24,6 +24,8 @@ class PostSearch:
         reason: The reason, in a sentence; otherwise empty.
         left: Bad floor after each of them, square metres, by a whole map.
         improved: Where most floor becomes good.
+        zones: Judged floor in each zone with all of them, square metres, in the order of `ZONES`;
+            what they cover counts as before. None if none was placed.
     """
 
     requested: int
@@ -32,6 +34,7 @@ class PostSearch:
     reason: str
     left: tuple[float, ...] = ()
     improved: tuple[ImprovedPlace, ...] = ()
+    zones: tuple[float, ...] | None = None
 
 
 class PostsPart(Part):

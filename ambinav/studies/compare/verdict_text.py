@@ -124,7 +124,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         error = next(iter(verdicts.values())).error.theirs.value
         clauses.append(
             f"nothing to gain, since on {baseline} no robot was lost and the {ERROR} is "
-            f"{error:.2f} m"
+            f"{error:.3f} m"
         )
     if met:
         clauses.append(f"{listed(met)} {_verb(met, 'meets', 'meet')} the criterion")

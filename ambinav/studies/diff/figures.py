@@ -102,7 +102,7 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     _level(
         "largest level fall", "", "largest fall of the level as a number above 0",
-        lambda level: -level.largest_fall, _location("better"), most=1.0,
+        lambda level: 0.0 - level.largest_fall, _location("better"), most=1.0,
     ),
     Quantity(
         "new floor area", "m²", "floor that counts in the second map only",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import yaml
@@ -44,7 +44,7 @@ def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Dif
 
     Two files of one building differ in name and bytes alone; neither is listed then.
     """
-    ours, theirs = (dict(_parameters(amap.dataset.attrs)) for amap in (first, second))
+    ours, theirs = (dict(_parameters(amap)) for amap in (first, second))
     if same_content(first, second, _BUILDING):
         for name in FILE:
             ours.pop(name), theirs.pop(name)
@@ -76,12 +76,16 @@ def same_content(first: AmbiguityMap, second: AmbiguityMap, only: Set[str] | Non
     )
 
 
-def _parameters(attrs: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+def _parameters(amap: AmbiguityMap) -> Iterator[tuple[str, object]]:
+    attrs = amap.dataset.attrs
     for name in _PLAIN:
         yield name, attrs.get(name, _ABSENT)
     yield from _flatten("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
     for name in _JSON:
         yield from _flatten(name, json.loads(attrs.get(name, "null")))
+    # The robot whose floor counts, which needs no other map.
+    yield "judged.robot_radius", amap.judged.radius
+    yield from _flatten("judged.start", amap.judged.start)
 
 
 def _flatten(name: str, value: object) -> Iterator[tuple[str, object]]:

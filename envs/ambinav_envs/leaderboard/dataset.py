@@ -226,6 +226,7 @@ class _Driver:
         self._driver, self._name = method.make(parameters), method.name
         if isinstance(self._driver, Policy):
             check_fit(self._driver, parameters, force=False)
+            self._driver.configure(parameters)
             self._driver.prepare(env.observation_space, env.action_space)
 
     def drive(self, number: int, seed: int) -> tuple[EpisodeBuffer, dict[str, Any]]:

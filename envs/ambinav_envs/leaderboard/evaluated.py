@@ -22,6 +22,7 @@ from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.card import DRAWN, plain_value
 from ambinav_envs.policies.fit import check_fit
+from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.registered import arguments_of_id, is_wrapped
 from ambinav_envs.simulation.layout import OUTCOMES
@@ -49,6 +50,7 @@ class Evaluation:
             `policies.fit.differences`.
         twins: Reference runs; None if not requested.
         code: Whether the policy is code that was trusted; False: it is data.
+        checksum: SHA-256 of the policy's file, see `checksum_of`; None: it is code.
     """
 
     row: Row
@@ -58,11 +60,13 @@ class Evaluation:
     differs: dict[str, tuple[str, ...]] = field(default_factory=dict)
     twins: TwinRuns | None = None
     code: bool = False
+    checksum: str | None = None
 
     def to_json(self) -> str:
         """Return figures with intervals, and how they were computed, as JSON."""
         record = {
             "policy": self.row.method,
+            "sha256": self.checksum,
             "environment": {name: plain_value(v) for name, v in self.environment.items()},
             "differs": self.differs,
             "code": self.code,
@@ -227,7 +231,10 @@ def evaluate_policy(
             policy, episodes_driven, arena, seed,
             lambda share: report_progress(own + (1.0 - own) * share),
         )  # fmt: skip
-    return Evaluation(row, episodes_driven, arguments, seed, differs, beside, policy.is_code)
+    return Evaluation(
+        row, episodes_driven, arguments, seed, differs, beside, policy.is_code,
+        None if policy.is_code else checksum_of(policy_source, policy),
+    )  # fmt: skip
 
 
 def write_evaluation(evaluation: Evaluation, folder: Path) -> None:

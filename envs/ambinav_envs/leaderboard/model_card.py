@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import replacing, sha256
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.policies import Card, read_card
 from ambinav_envs.registration import IDS
@@ -88,6 +88,7 @@ def read_judged(folder: Path, policy_file: Path) -> Judged:
         ]
         is_complete = all(math.isfinite(end) for end in ends)
         policy, _ = record["policy"], record["environment"].items()
+        judged = record.get("sha256")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{folder}: the evaluation is damaged ({type(error).__name__}: {error}); evaluate the "
@@ -100,6 +101,11 @@ def read_judged(folder: Path, policy_file: Path) -> Judged:
         )
     if policy != policy_file.stem:
         raise InputError(f"{folder}: this is an evaluation of {policy}, not of {policy_file.stem}.")
+    if judged is not None and judged != sha256(policy_file):
+        raise InputError(
+            f"{folder}: this is an evaluation of another file that is called {policy} too; run: "
+            f"ambinav evaluate {policy_file} -o DIR, and give that folder."
+        )
     return Judged(record, rewards)
 
 

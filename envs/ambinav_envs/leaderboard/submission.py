@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import binascii
 import hashlib
 import json
 import platform
@@ -217,16 +218,26 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
     return record
 
 
+def _sha256_of(encoded: str) -> str | None:
+    """Return the SHA-256 of a file in base64; None where it cannot be decoded."""
+    try:
+        return hashlib.sha256(base64.b64decode(encoded, validate=True)).hexdigest()
+    except binascii.Error:
+        return None
+
+
 def _contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
     """Yield the names of parts of a submission that do not fit the rest."""
     rest = {name: value for name, value in record.items() if name != "digest"}
     if record["digest"] != digest_of(rest):
         yield "digest"
+    if record["seeds"] not in ("public", "hidden"):
+        yield "seeds"
     if sorted(t for policy in record["policies"] for t in policy["tasks"]) != sorted(frozen.tasks):
         yield "policies"
     for policy in record["policies"]:
-        content = policy["file"] and base64.b64decode(policy["file"])
-        if content and hashlib.sha256(content).hexdigest() != policy["sha256"]:
+        content = policy["file"]
+        if content is not None and _sha256_of(content) != policy["sha256"]:
             yield f"the file of policy {policy['name']!r}"
     for part in (part for part in PARTS if part == DRAWN or part in record):
         episodes = record[part]["episodes"]

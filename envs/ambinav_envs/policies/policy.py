@@ -112,9 +112,16 @@ class Policy(ABC):
 
     @property
     def seeing(self) -> dict[str, Any]:
-        """Arguments of its environment that are among `SEEING`, without `RULES`."""
+        """Arguments of its environment that are among `SEEING`, without `RULES`.
+
+        A task that hides the ambiguity map hides it from all: only a policy trained without it
+        says so.
+        """
         names = [name for name in SEEING if name in self.environment and name not in RULES]
-        return {name: self.environment[name] for name in names}
+        seen = {name: self.environment[name] for name in names}
+        if seen.get("ambiguity_seen"):
+            del seen["ambiguity_seen"]
+        return seen
 
     def configure(self, parameters: NavigationParameters) -> None:  # noqa: B027
         """Set parameters that are not part of the spaces: scanner, robot, time step.

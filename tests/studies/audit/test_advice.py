@@ -24,7 +24,8 @@ from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
 from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual, as_good
 from ambinav.studies.audit.counterfactual.trips import find_trips
 from ambinav.studies.audit.document import document
-from ambinav.studies.audit.figures import QUANTITIES, gate_of
+from ambinav.studies.audit.figures import QUANTITIES
+from ambinav.studies.audit.gate_check import BY_AREA, FIXED, GateCheck
 from ambinav.studies.audit.post_search import posts_part
 from ambinav.studies.audit.report import write_audit
 from ambinav.studies.audit.verdict import CHOICE
@@ -172,8 +173,8 @@ def test_where_nothing_helps_it_says_so() -> None:
 @pytest.mark.slow
 def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
     def verdict(text: str) -> tuple[str, bool, float]:
-        passes = gate_of([parse_condition(text, QUANTITIES)], racks)
-        found = advise(racks, posts=0, passes=passes).verdict
+        gate = GateCheck([parse_condition(text, QUANTITIES)], racks)
+        found = advise(racks, posts=0, gate=gate).verdict
         assert found is not None
         after = found.advice[0].after.value if found.advice else found.before
         return found.decision, found.gated, after
@@ -184,6 +185,64 @@ def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
     assert after <= 0.4 * racks.area
     decision, gated, _ = verdict("corridor > 0.1 %")
     assert (decision, gated) == ("range", False)
+
+
+@pytest.fixture(scope="module")
+def looking_ahead() -> Audit:
+    """A hall and a scanner that sees half of the horizon: the heading matters."""
+    hall = an.environment_from_shapes([shapely.box(0.0, 0.0, 12.0, 8.0)], name="hall")
+    return examined(hall, laser(2.5, math.pi))
+
+
+def gate_on(audited: Audit, *texts: str) -> GateCheck:
+    return GateCheck([parse_condition(text, QUANTITIES) for text in texts], audited)
+
+
+def test_a_gate_is_judged_on_the_report(looking_ahead: Audit) -> None:
+    """Also where its figures do not follow from the areas of the zones."""
+    report = document(looking_ahead)
+    (open_zone,) = (zone for zone in report.zones if zone.zone == "open")
+    assert open_zone.share_worst_heading is not None
+    limit = 50.0 * (open_zone.share + open_zone.share_worst_heading)
+    worst = f"open at worst heading > {limit:.2f} %"
+    assert gate_on(looking_ahead, worst).failing
+    assert not gate_on(looking_ahead, f"open > {limit:.2f} %").failing
+    found = advise(looking_ahead, posts=0, gate=gate_on(looking_ahead, worst)).verdict
+    assert found is not None and found.tried and not found.gated
+    assert "the gate passes" not in found.sentence.replace("whether the gate then passes", "")
+
+
+def test_what_a_change_leaves_unknown_is_not_said_to_fail(looking_ahead: Audit) -> None:
+    areas = [share.area for share in looking_ahead.shares]
+    good = [sum(areas), 0.0, 0.0, 0.0]
+    gate = gate_on(looking_ahead, "open > 0.1 %", "open at worst heading > 0.1 %")
+    assert (gate.passes(areas), gate.passes(good)) == (False, None)
+    assert gate_on(looking_ahead, "open > 0.1 %").passes(good) is True
+    assert gate_on(looking_ahead, "open > 0.1 %", "free area > 1 m2").passes(good) is False
+    assert gate_on(looking_ahead, "free area > 1 m2").is_fixed
+    assert not gate.is_fixed
+    change = Counterfactual("range", "See farther", "", 60.0, Interval(0, 0, 0, 0), (), tuple(good))
+    verdict = decide(looking_ahead, 60.0, [change], gate)
+    assert verdict.sentence.endswith("shows whether the gate then passes.")
+    assert set(QUANTITIES) > BY_AREA | FIXED
+
+
+def test_a_gate_rounds_as_the_report_does(looking_ahead: Audit) -> None:
+    share = 100.0 * next(z.share for z in document(looking_ahead).zones if z.zone == "open")
+    areas = [zone.area for zone in looking_ahead.shares]
+    gate = gate_on(looking_ahead, f"open > {share:.2f} %")
+    assert not gate.failing
+    assert gate.passes(areas) is True
+
+
+def test_a_good_building_may_fail_a_gate() -> None:
+    shape = shapely.box(0.0, 0.0, 6.0, 4.0).difference(shapely.box(2.0, 1.0, 2.5, 1.6))
+    office = examined(an.environment_from_shapes([shape], name="office"), laser(12.0))
+    found = advise(office, gate=gate_on(office, "free area > 1 m2", "unreachable > 1 %")).verdict
+    assert found is not None
+    assert (found.decision, found.tried) == ("nothing", ())
+    assert found.sentence.startswith("With test laser")
+    assert found.sentence.endswith("the gate fails on other figures: free area and unreachable.")
 
 
 def racks_bad(found: Audit) -> float:

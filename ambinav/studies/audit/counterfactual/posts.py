@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
 from ambinav.studies.audit.post_search import PostSearch
-from ambinav.studies.design.improved import improved_floor, largest_places
+from ambinav.studies.design.improved import improved_floor, largest_places, zones_after
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
@@ -145,7 +146,10 @@ def find_posts(
         left.append(float((bad & ~improved).sum()) * amap.cell_area)
     report(1.0)
     most = largest_places(amap, improved, amap.judged)
-    return PostSearch(count, rules, known, "", tuple(left), most)
+    then = zones_after(amap, after)
+    then = np.where(then == NOT_FREE, zone, then)[amap.judged.counted]
+    areas = tuple(float((then == code).sum()) * amap.cell_area for code in range(len(ZONES)))
+    return PostSearch(count, rules, known, "", tuple(left), most, areas)
 
 
 def _part(report: Callable[[float], None]) -> Callable[[float], None]:

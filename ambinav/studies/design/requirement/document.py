@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any, Final
 
 from pydantic import Field
@@ -141,13 +142,18 @@ def document(solution: Solution) -> Document:
                 cost=each.hardware.cost,
                 bad_area_m2=each.bad,
                 lost=alone.get(each.hardware),
+                candidates=sum(each.candidates.values()),
             )
             for each in solution.tried
         ),
         prices={str(kind): price for kind, price in terms.prices.items()},
         rules=tuple(
-            rules_part(rules, rules.most, solution.environment)
-            for rules in (terms.rules(kind, hardware) for kind in terms.most)
+            rules_part(
+                terms.rules(kind, hardware),
+                sum(each.candidates.get(kind, 0) for each in solution.tried),
+                solution.environment,
+            )
+            for kind in terms.most
         ),
         states=len({(each.hardware, frozenset(each.obstacles)) for each in solution.states}),
         maps=solution.maps,
@@ -176,7 +182,19 @@ def _summary(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     if solution.met:
         return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
     best = f"the best found is {changes}" if solution.steps else "no allowed change helps"
+    figure += _audited(solution)
     return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
+
+
+def _audited(solution: Solution) -> str:
+    """Return what an audit of the changed building shows, if that alone misses the requirement."""
+    required, after = solution.requirement, solution.after
+    if required is None or required.most_lost is not None or not required.holds(after.state):
+        return ""
+    value = required.value(replace(after.state, areas=after.own_areas))
+    figure = required.condition.quantity
+    unit = "% of the floor" if figure.unit == "%" else figure.unit
+    return f", but an audit of the changed building counts {value:.4g} {unit} as {figure.name}"
 
 
 def _figure(solution: Solution, trips: tuple[TripPart, ...]) -> str:

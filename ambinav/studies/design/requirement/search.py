@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, TypeAlias
 
@@ -15,7 +15,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.place.candidates import Candidate, apart
+from ambinav.studies.design.place.candidates import Candidate, Kind, apart
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.requirement.hardware import Hardware
 from ambinav.studies.design.requirement.requirement import Requirement, bad_area
@@ -94,13 +94,13 @@ class TriedHardware:
         hardware: The scanner.
         bad: Bad floor with it alone, square metres; None: no map was made.
         reason: Why no map was made; else empty.
-        candidates: Places for obstacles that were tried.
+        candidates: Number of places that were tried, by kind of obstacle.
     """
 
     hardware: Hardware
     bad: float | None
     reason: str = ""
-    candidates: int = 0
+    candidates: Mapping[Kind, int] = field(default_factory=dict)
 
 
 class ChangeSearch:
@@ -267,8 +267,8 @@ class ChangeSearch:
             first.append(obstacle)
         return [*first, None, *(obstacle for obstacle in ordered if obstacle not in first)]
 
-    def _place(self, hardware: Hardware) -> int:
-        """Look for obstacles for a scanner; return the number of places that were tried."""
+    def _place(self, hardware: Hardware) -> dict[Kind, int]:
+        """Look for obstacles for a scanner; return the number of tried places by kind."""
         search = self._obstacles_of(hardware)
         trials, reasons = search.try_places(self.report)
         self.reasons += reasons.values()
@@ -277,7 +277,7 @@ class ChangeSearch:
         if untried and not trials and is_present and self.terms.keep_out is not None:
             raise InputError(untried[-1])
         if not trials:
-            return 0
+            return {}
         done = self.report(f"{hardware.name}: obstacles together")
         most = sum(self.terms.most.values())
         chains = list(search.chains(trials))
@@ -291,7 +291,7 @@ class ChangeSearch:
         candidates = [candidate for each in trials.values() for candidate in each.candidates]
         if self.forecaster is not None:
             self._place_by_causes(hardware, candidates)
-        return len(candidates)
+        return {kind: len(each.candidates) for kind, each in trials.items()}
 
     def _place_by_causes(self, hardware: Hardware, candidates: Sequence[Candidate]) -> None:
         """Put up one obstacle after the other near where most robots get lost by the forecast."""
