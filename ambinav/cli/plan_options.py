@@ -217,6 +217,8 @@ class RobotOptions:
             ("--start-heading", self.start_heading),
             ("--goal-heading", self.goal_heading),
         ):
+            if heading is not None and not math.isfinite(heading):
+                raise InputError(f"{option}: {heading} is no heading; give degrees, e.g. 90.")
             conflict(
                 option,
                 heading is not None and self.space == "r2",

@@ -13,6 +13,8 @@ from ambinav_planners.problem import Problem
 from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Planner, PlannerResult
 
 FIRST_SAMPLES = 500
+# With twice as many, OMPL's neighbourhoods would fill the memory.
+MOST_SAMPLES = 1_000_000
 
 
 def _solver(
@@ -42,7 +44,7 @@ def _solver(
                     best, least = poses, cost
             if not watch.over:
                 most = samples
-            if budget.iterations is not None:
+            if budget.iterations is not None or samples > MOST_SAMPLES:
                 break
             samples *= 2
         return PlannerResult(best, tuple(watch.curve), most)

@@ -25,7 +25,7 @@ from ambinav_planners.flight_route import FlightRoute
 from ambinav_planners.improve.shortcuts import shortened
 from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
 from ambinav_planners.planning import NotFoundError
-from ambinav_planners.registry import Budget, planner
+from ambinav_planners.registry import UNLIMITED, Budget, planner
 from ambinav_planners.seeded import call_seeded
 
 PLANNERS: Final = ("rrtstar", "informed-rrtstar", "sorrtstar", "bitstar")
@@ -151,11 +151,19 @@ class FlightPlanner:
                 f"planner is {planner_name!r}, which does not plan in space; give one of "
                 f"{', '.join(PLANNERS)}."
             )
+        if math.isinf(seconds) and iterations is None:
+            raise InputError(UNLIMITED)
         started, budget = time.perf_counter(), Budget(seconds, iterations, seed)
         ends = self._checked("start", start), self._checked("goal", goal)
-        points, curve = call_seeded(
-            seed, _solve, planner_name, self.service, self.checker, ends, budget
-        )
+        points: Floats | None
+        curve: tuple[tuple[float, float], ...]
+        if math.dist(*ends) <= GOAL_TOLERANCE:
+            # OMPL's informed samplers have no ellipse around a single place.
+            points, curve = np.array(ends), ((0.0, self.service.route_cost(np.array(ends))),)
+        else:
+            points, curve = call_seeded(
+                seed, _solve, planner_name, self.service, self.checker, ends, budget
+            )
         if points is None:
             if self._parted(*ends):
                 raise NotFoundError("no free cells of the volume lead from start to goal.")

@@ -206,7 +206,7 @@ class RoutePlanner:
         on_path = None if on_route is None else _reports(problem, chosen.name, seed, on_route)
         budget = Budget(seconds, iterations, seed, on_path)
         check_suits(chosen, problem, budget)
-        if _is_there(problem):
+        if _is_there(problem) or _turns_on_the_spot(problem):
             result = PlannerResult(problem.ends, iterations=0, finished=True)
             return finish(chosen, problem, result, seed)
         if graph is None:
@@ -330,6 +330,13 @@ def _share(budget: Budget, improved: bool) -> Budget:
         return budget
     kept = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
     return replace(budget, seconds=budget.seconds - kept)
+
+
+def _turns_on_the_spot(problem: Problem) -> bool:
+    """Return whether all that there is to do is a free turn, in which nothing can be shorter."""
+    (x0, y0, _), (x1, y1, _) = problem.start, problem.goal
+    near = problem.steering.space == "se2" and math.hypot(x1 - x0, y1 - y0) <= SAME_PLACE
+    return near and is_free(problem.ends, problem)
 
 
 def _is_there(problem: Problem) -> bool:

@@ -131,10 +131,14 @@ def cells_met(
         margin: The shape grows by so many metres.
 
     Raises:
-        InputError: it is no geometry.
+        InputError: it is no geometry, or its coordinates are not finite.
     """
     if not isinstance(shape, BaseGeometry):
         raise InputError(f"{name} is {shape!r}; give a shapely geometry in the map's frame.")
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        raise InputError(f"{name} has coordinates that are not finite; give metres.")
+    # Of an outline that crosses itself, a buffer loses parts.
+    shape = shape if shape.is_valid else shapely.make_valid(shape)
     shape = shape.buffer(margin) if margin > 0.0 else shape
     half = 0.5 * amap.spacing
     x, y = (amap.dataset[axis].values for axis in "xy")

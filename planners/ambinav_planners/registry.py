@@ -21,6 +21,7 @@ SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
 """Spaces with equally long paths in both directions, as some of OMPL's planners need."""
 
 
+UNLIMITED: Final = "neither time nor iterations limits the planner; give one of them."
 SEEDS = 2**32 - 1
 """Seeds are below it: OMPL takes 32 bits but no 0, for which it gets this number."""
 
@@ -190,7 +191,7 @@ def check_suits(chosen: Planner, problem: Problem, budget: Budget) -> None:
             would be wrong about costs that differ by direction.
     """
     if chosen.uses_ompl and math.isinf(budget.seconds) and budget.iterations is None:
-        raise InputError("neither time nor iterations limits the planner; give one of them.")
+        raise InputError(UNLIMITED)
     space = problem.steering.space
     if space not in chosen.spaces:
         able = ", ".join(chosen.spaces)

@@ -186,11 +186,6 @@ class Replanner:
     def _change_obstacles(self, obstacles: BaseGeometry) -> bool:
         """Forbid the cells near obstacles, and no others; return whether any changed."""
         service, radius = self._problem.service, self._robot.footprint.outer
-        if (
-            isinstance(obstacles, BaseGeometry)
-            and not np.isfinite(shapely.get_coordinates(obstacles)).all()
-        ):
-            raise InputError("obstacles have coordinates that are not finite; give metres.")
         cells = cells_met(service.map, obstacles, "obstacles", radius) | self._forbidden
         changed = cells != _forbidden(self._problem)
         if not changed.any():

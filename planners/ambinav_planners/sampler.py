@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ompl import base as ob
 from scipy.ndimage import maximum_filter
 
+from ambinav_planners.floor import clearances
 from ambinav_planners.problem import Problem
 from ambinav_planners.spaces import has_heading
 
@@ -41,10 +42,11 @@ class FreeSampler(ob.ValidStateSampler):
         self._rng = rng
         amap = problem.service.map
         self._spacing = amap.spacing
-        clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64), nan=0.0)
+        clearance = clearances(amap)
         inner = problem.checker.footprint.inner
         # A cell whose centre is not free for the robot may contain free poses.
-        rows, columns = np.nonzero(amap.dataset["free"].values & (clearance > inner - amap.spacing))
+        near = clearance > max(inner - amap.spacing, 0.0)
+        rows, columns = np.nonzero(near)
         size = 2 * max(round(AROUND / amap.spacing), 1) + 1
         room = np.maximum(maximum_filter(clearance, size=size) - inner, 0.0)[rows, columns]
         narrow = 1.0 / (room + ROOM) ** 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -97,7 +98,9 @@ def write_pose(state: Any, pose: Pose, with_heading: bool) -> None:
     if with_heading:
         state.setX(pose[0])
         state.setY(pose[1])
-        state.setYaw(pose[2])
+        # OMPL's headings are from -pi to below pi; a state with any other one is out of bounds.
+        yaw = (pose[2] + math.pi) % (2.0 * math.pi) - math.pi
+        state.setYaw(yaw if yaw < math.pi else -math.pi)
     else:
         state[0], state[1] = pose[0], pose[1]
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 from ompl import base as ob
 from ompl import geometric as og
 
-from ambinav_planners.ompl_setup import Watch, found_poses, prepare
+from ambinav_planners.ompl_setup import GOAL_TOLERANCE, Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Planner, PlannerResult
 
@@ -29,11 +30,16 @@ def _rrt(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[ob.SpaceInform
 
 def _solver(
     make: Callable[[ob.SpaceInformation], Any],
+    make_without_ellipse: Callable[[ob.SpaceInformation], Any] | None = None,
 ) -> Callable[[Problem, Budget], PlannerResult]:
     def solve(problem: Problem, budget: Budget) -> PlannerResult:
         watch = Watch(budget)
         setup = prepare(problem)
-        planner = make(setup.si)
+        chosen = make
+        # OMPL's informed samplers raise where start and goal are one place, at other headings.
+        if make_without_ellipse is not None and math.dist(*problem.ends[:, :2]) <= GOAL_TOLERANCE:
+            chosen = make_without_ellipse
+        planner = chosen(setup.si)
         setup.simple.setPlanner(planner)
         setup.simple.solve(watch.condition(planner.bestCost, planner.numIterations))
         watch.note(planner.bestCost().value())
@@ -45,7 +51,8 @@ def _solver(
 def _rrt_star(name: str, make: Callable[[Any], Any], text: str) -> Planner:
     """Return a kind of RRT*; OMPL's rewiring assumes that the reverse path has the same cost."""
     make = _rrt(make)
-    return Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
+    solve = _solver(make, _rrt(og.RRTstar))
+    return Planner(name, solve, text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
 
 
 RRTSTAR = _rrt_star("rrtstar", og.RRTstar, "RRT* (Karaman and Frazzoli 2011)")

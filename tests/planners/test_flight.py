@@ -226,3 +226,14 @@ def test_what_is_no_file_of_a_flight(
 def test_a_route_outside_of_the_volume_has_no_cost(robot: FlightPlanner) -> None:
     with pytest.raises(InputError, match=r"\(500, 2\) lies outside of .*give points within it"):
         robot.service.route_cost([START, (500.0, 2.0, 1.0)])
+
+
+@pytest.mark.parametrize("name", ["informed-rrtstar", "sorrtstar", "bitstar"])
+def test_a_start_that_is_the_goal(robot: FlightPlanner, name: str) -> None:
+    route = robot.plan(START, START, planner_name=name, seconds=0.5)
+    assert (route.length, route.cost) == (0.0, 0.0)
+
+
+def test_something_limits_a_planner(robot: FlightPlanner) -> None:
+    with pytest.raises(InputError, match="neither time nor iterations"):
+        robot.plan(START, GOAL, seconds=math.inf)

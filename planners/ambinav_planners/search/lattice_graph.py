@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.floor import free_cells
 from ambinav_planners.search.channels import channel_poses, edge_poses
 from ambinav_planners.search.graph import MotionGraph, joined
 from ambinav_planners.search.labels import reversed_graph
@@ -132,8 +133,7 @@ def _cells(
     x, y = (
         (dataset[axis].values.astype(np.float64)[:, np.newaxis] + offsets).ravel() for axis in "xy"
     )
-    free = dataset["free"].values.repeat(parts, axis=0).repeat(parts, axis=1)
-    return x, y, free, spacing
+    return x, y, free_cells(service.map, x, y), spacing
 
 
 def _pairs_near(

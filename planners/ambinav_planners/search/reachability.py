@@ -73,9 +73,8 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
         return checker
     kept = _planar.get(checker)
     if kept is None:
-        kept = CollisionChecker(
-            checker.environment, Footprint.disc(checker.footprint.inner), Steering("r2")
-        )
+        disc = Footprint.disc(checker.footprint.inner)
+        kept = checker.for_robot(disc, Steering("r2"))
         _planar[checker] = kept
     return kept
 
