@@ -67,6 +67,7 @@ LINE = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
         (feature("post", POINT, radius=True), "radius is True"),
         (feature("post", {"type": "Point", "coordinates": [1]}, radius=1), r"\[1\] is no point"),
         (feature("wall", LINE, thickness=-1), "thickness is -1"),
+        (feature("post", POINT, radius=10**400), "radius is 1000"),
         (feature("wall", {"type": "LineString", "coordinates": [[0, 0]]}), "0 m long"),
         (feature("wall", {"type": "LineString", "coordinates": [[0, math.inf], [1, 1]]}), "inf"),
     ],

@@ -245,6 +245,16 @@ def test_bad_geojson(tmp_path: Path, document: Any, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_properties_without_a_value_are_not_given(tmp_path: Path) -> None:
+    """As programs of geographic information write a column that a feature has no value of."""
+    empty = {"thickness": None, "kind": None, "level": None, "name": None}
+    wall = feature(line((2, 0), (2, 1)), kind="wall", thickness=0.2)
+    rooms = [feature(box(0, 0, 4, 3), **columns) for columns in ({}, empty)]
+    with_columns = load(tmp_path, {"type": "FeatureCollection", "features": [rooms[1], wall]})
+    without = load(tmp_path, {"type": "FeatureCollection", "features": [rooms[0], wall]})
+    assert np.array_equal(with_columns.segments.xy, without.segments.xy)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -158,6 +158,18 @@ def test_a_plug_in_with_a_taken_name_is_left_out(
     assert "is both in ambinav and in stranger" in str(listed[-2].error)
 
 
+@pytest.mark.parametrize(
+    ("given", "first"), [({}, 100), ({"first_building": 0}, 0), ({"first_building": 7}, 7)]
+)
+def test_the_first_building_of_a_task_may_be_another(
+    ids: None, given: dict[str, Any], first: int
+) -> None:
+    arguments = {"suite": "office", "buildings": 3, "first_building": 100}
+    TASKS.register(TaskSpec(name="mine/Tail-v0", about="a task", arguments=arguments))
+    source = gym.make("mine/Tail-v0", **given).unwrapped.simulation.source
+    assert (source.first, source.count) == (first, 3)
+
+
 def test_a_task_draws_and_judges(ids: None) -> None:
     env = gym.make("mine/Corner-v0")
     many = gym.make_vec("mine/Corner-v0", num_envs=3, vectorization_mode="vector_entry_point")

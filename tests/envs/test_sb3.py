@@ -76,6 +76,27 @@ def test_seeds_and_options_of_each() -> None:
         equal(envs.reset_infos[i], info)
 
 
+def test_options_of_each_before_anything_has_begun() -> None:
+    """Also around somebody's wrapper, which Gymnasium's own vector runs one by one."""
+    register_wrapped = "mine/Doubled-v0"
+    gym.register(
+        register_wrapped,
+        entry_point=lambda **given: gym.wrappers.TransformReward(
+            NavigationEnv(map=room(), **OPTIONS, **given), lambda reward: 2.0 * reward
+        ),
+    )
+    try:
+        envs = make_sb3(register_wrapped, 3, seed=3)
+        envs.set_options([{"goal": (2.0, 2.0)}, {}, {"goal": (2.0, 2.0)}])
+        seen = envs.reset()
+        alone = NavigationEnv(map=room(), **OPTIONS)
+        for i, options in ((0, {"goal": (2.0, 2.0)}), (1, {})):
+            wanted, _ = alone.reset(seed=3 + i, options=options)
+            equal({key: part[i] for key, part in seen.items()}, wanted)
+    finally:
+        del gym.registry[register_wrapped]
+
+
 def test_attributes_and_methods() -> None:
     envs = make_sb3("ambinav/Hall-v1", 2, buildings=1)
     assert envs.get_attr("spec", 1)[0].id == "ambinav/Hall-v1"

@@ -10,6 +10,8 @@ import pytest
 
 import ambinav_envs
 from ambinav.runtime.errors import InputError
+from ambinav_envs.leaderboard.evaluated import environment_for
+from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.file import plain_environment
 from ambinav_envs.registration import IDS
 from ambinav_envs.twins import TWINS, twins_of
@@ -105,6 +107,22 @@ def test_a_waypoint_by_the_map_is_refused_without_it() -> None:
     gym.make("ambinav/Hall-NoMap-v1", waypoint=False, ambiguity_weight=5)
     with pytest.raises(InputError, match="ambiguity_seen"):
         gym.make("ambinav/Hall-v1", ambiguity_seen="no")
+
+
+def test_a_task_hides_the_map_from_policies_that_saw_it() -> None:
+    """In evaluations, on leaderboards and in data sets; one trained without it stays without."""
+    sighted = load_policy("vfh")
+    sighted.environment = {**sighted.environment, "ambiguity_seen": True}
+    blind = load_policy("vfh")
+    blind.environment = {**blind.environment, "ambiguity_seen": False}
+    for name, seen in (("ambinav/Office-NoMap-v1", False), ("ambinav/Office-v1", True)):
+        for policy, wanted in ((sighted, seen), (blind, False)):
+            given = environment_for(policy, {}, name)
+            assert given.get("ambiguity_seen", True) is wanted
+            env = gym.make(name, buildings=1, **policy.seeing)
+            assert env.unwrapped.simulation.parameters.ambiguity_seen is wanted
+    given = environment_for(sighted, {"ambiguity_seen": True}, "ambinav/Office-NoMap-v1")
+    assert given["ambiguity_seen"] is True
 
 
 def test_a_policy_file_says_that_its_policy_saw_no_map() -> None:

@@ -128,3 +128,29 @@ def test_estimate_is_the_mean_of_the_heaviest_cluster() -> None:
         off[:, 2] = turned(off[:, 2])
         assert np.allclose(cov, (off * weight[:, np.newaxis]).T @ off / weight.sum())
     assert math.hypot(mean[0], mean[1]) > 0.0
+
+
+def test_bins_are_alike_anywhere_on_earth() -> None:
+    """National grids go beyond a million metres on either side of zero."""
+    particles = cloud(4)
+    results = []
+    for offset in ((0.0, 0.0), (-740_000.0, -1_040_000.0), (500_000.0, 5_400_000.0)):
+        moved = particles.copy()
+        moved[:, :2] += offset
+        keys, entry, label, stack = tables(len(moved))
+        bins = fill_bins(moved, len(moved), keys, entry)
+        clusters = label_clusters(bins, keys, entry, label, stack)
+        mean, cov = np.empty(3), np.empty((3, 3))
+        sums = np.empty(len(moved))
+        estimate(moved, len(moved), False, keys, entry[:bins], label, stack, sums, mean, cov)
+        results.append((bins, clusters, *(mean[:2] - offset), mean[2], *cov.ravel()))
+    np.testing.assert_allclose(results[1:], [results[0]] * 2, atol=1e-6)
+
+
+def test_clusters_reach_across_the_end_of_the_bins() -> None:
+    particles = np.zeros((2, 5))
+    particles[:, 0] = 2.0**20 / 2.0 + np.array([-0.1, 0.1])
+    particles[:, 1] = -(2.0**20) + np.array([-0.1, 0.1])
+    keys, entry, label, stack = tables(2)
+    assert fill_bins(particles, 2, keys, entry) == 2
+    assert label_clusters(2, keys, entry, label, stack) == 1

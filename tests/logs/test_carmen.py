@@ -275,3 +275,29 @@ def test_real_logs(data_dir, name):
     assert math.degrees(float(np.median(apart[:, 2]))) < 3.0
     away = between(log.poses[0], log.poses) - between(log.odometry[0], log.odometry)
     assert float(np.hypot(away[:, 0], away[:, 1]).max()) > 0.4
+
+
+PARAMETERS = (
+    "PARAM robot_frontlaser_offset 0.2 host 1",
+    "PARAM robot_frontlaser_side_offset 0.0 host 1",
+    "PARAM robot_frontlaser_angular_offset 0.0 host 1",
+)
+
+
+@pytest.mark.parametrize("scans", [1, 5])
+def test_a_frame_of_odometry_is_no_mount(tmp_path, scans):
+    """Where the parameters say where the laser sits, a constant offset is another frame's."""
+    odometry = np.column_stack([np.arange(scans) * 0.5, np.zeros((scans, 2))])
+    poses = compose((5.0, 3.0, 0.0), odometry)
+    path = write(
+        tmp_path,
+        *PARAMETERS,
+        *(
+            flaser([1.0] * 180, compose(pose, (0.2, 0.0, 0.0)), robot, k)
+            for k, (pose, robot) in enumerate(zip(poses, odometry, strict=True))
+        ),
+    )
+    log = read_carmen(path, max_range=8.0)
+    assert log.mount == (0.2, 0.0, 0.0)
+    np.testing.assert_allclose(log.poses, poses, atol=1e-6)
+    np.testing.assert_allclose(log.odometry, odometry, atol=1e-6)

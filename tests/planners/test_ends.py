@@ -20,6 +20,7 @@ from ambinav_planners import NoPathError, Replanner, RoutePlanner
 from tests.planners.conftest import LASER
 
 START, GOAL = (1.0, 1.0), (7.0, 5.0)
+ITERATIONS = {"rrtstar": 600, "informed-rrtstar": 600, "bitstar": 3000, "fmt": 500, "prmstar": 600}
 SCANNER = RangeScanner.planar(sensor=LASER, beams=36, aperture=2.0 * math.pi)
 
 
@@ -30,24 +31,15 @@ def hall() -> AmbiguityMap:
     return build_map(environment_from_shapes([shape], name="hall"), SCANNER, spacing=0.25)
 
 
-@pytest.mark.parametrize(
-    ("name", "iterations"),
-    [
-        ("rrtstar", 600),
-        ("informed-rrtstar", 600),
-        ("bitstar", 3000),
-        ("fmt", 500),
-        ("prmstar", 600),
-    ],
-)
+@pytest.mark.parametrize("name", ITERATIONS)
 @pytest.mark.parametrize("turns", [0.5, 16.0])
-def test_headings_are_angles(hall: AmbiguityMap, name: str, iterations: int, turns: float) -> None:
+def test_headings_are_angles(hall: AmbiguityMap, name: str, turns: float) -> None:
     """OMPL's are below half a turn: 180 and 270 degrees were out of its bounds."""
     heading = 2.0 * math.pi * turns
     robot = RoutePlanner(hall, space="se2")
     for start, goal in (((*START, heading), GOAL), (START, (*GOAL, heading))):
         route = robot.plan(
-            start, goal, planner_name=name, seconds=math.inf, iterations=iterations, seed=1
+            start, goal, planner_name=name, seconds=math.inf, iterations=ITERATIONS[name], seed=1
         )
         for pose, end in zip(route.poses[[0, -1]], (start, goal), strict=True):
             assert pose[:2] == pytest.approx(end[:2])

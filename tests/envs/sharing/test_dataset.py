@@ -7,18 +7,23 @@ import os
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-pytest.importorskip("gymnasium")
-
 from ambinav.cli import app
 from ambinav.runtime.errors import InputError
-from ambinav_envs.evaluation import evaluate_in
+from ambinav_envs.evaluation import episode_seeds, evaluate_in
 from ambinav_envs.leaderboard import dataset as module
 from ambinav_envs.leaderboard.dataset import dataset_id, record_datasets
-from ambinav_envs.leaderboard.methods import Method, follower_method, planner_methods
+from ambinav_envs.leaderboard.methods import (
+    Method,
+    follower_method,
+    planner_methods,
+    policy_method,
+)
+from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import OUTCOMES
@@ -41,6 +46,31 @@ def test_names_are_those_of_minari() -> None:
         assert got == wanted
         namespace, name, version = minari.parse_dataset_id(got)
         assert version == 0 and f"{namespace}/{name}-v0" == wanted
+
+
+def test_a_policy_is_configured_for_the_environment() -> None:
+    """Its actions are those of an evaluation, also of another robot and where it declares."""
+    pytest.importorskip("minari")
+    pytest.importorskip("h5py")
+    method = policy_method("vfh")
+    for more in ({"robot": {"max_speed": 1.0}}, {"declare": ["arrived"]}):
+        arguments = {**method.seeing, **SMALL, **more}
+        driver = module._Driver(method, gym.make(HALL, **arguments))
+        (number,) = episode_seeds(3, 0, 1)
+        buffer, _ = driver.drive(0, int(number))
+        count = arguments.pop("buildings")
+        source, parameters = scenario("hall", None, count, 0, None, arguments)
+        policy = load_policy("vfh")
+        policy.configure(parameters)
+        wanted = evaluate_in(policy, source, parameters, 1, 3, chunk=1)
+        assert sum(buffer.rewards) == pytest.approx(float(wanted.reward[0]))
+
+
+def test_code_is_recorded_where_it_is_trusted(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import nothing_there\n")
+    given = ["-o", str(tmp_path / "sets"), "--policy", f"{tmp_path}/mine.py:Go"]
+    assert "add --trust" in run(*given).stderr
+    assert "cannot be imported" in run(*given, "--trust").stderr
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
+from ambinav.runtime.files import sha256
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.leaderboard.model_card import model_card, read_judged
 from ambinav_envs.policies import Card, read_card
@@ -133,6 +134,17 @@ def test_the_folder_is_whole(file: Path, tmp_path: Path) -> None:
     before = (hub / "README.md").read_text()
     assert run(str(hub / f"{NAME}.zip"), str(evaluation), "-o", str(hub)).exit_code == 0
     assert (hub / "README.md").read_text() == before
+
+
+def test_an_evaluation_of_another_file_of_that_name_is_refused(file: Path, tmp_path: Path) -> None:
+    evaluation = evaluated(tmp_path / "evaluation")
+    record = json.loads((evaluation / "evaluation.json").read_text())
+    for checksum, refused in ((sha256(file), False), ("0" * 64, True), (None, False)):
+        changed = record | {"sha256": checksum}
+        (evaluation / "evaluation.json").write_text(json.dumps(changed))
+        done = run(str(file), str(evaluation), "-o", str(tmp_path / "hub"))
+        assert done.exit_code == (2 if refused else 0)
+        assert ("an evaluation of another file" in done.stderr) is refused
 
 
 def test_bad_input(file: Path, tmp_path: Path) -> None:

@@ -219,6 +219,14 @@ def _other_weights(record: dict[str, Any]) -> None:
     record["policies"][0]["file"] = base64.b64encode(content).decode()
 
 
+def _no_file(record: dict[str, Any]) -> None:
+    record["policies"][0]["file"] = "###"
+
+
+def _other_seeds(record: dict[str, Any]) -> None:
+    record["seeds"] = "mine"
+
+
 def _no_policy(record: dict[str, Any]) -> None:
     record["policies"].pop()
 
@@ -241,6 +249,8 @@ def _no_tasks(record: dict[str, Any]) -> None:
         (_other_outcome, False, "digest contradicts the rest"),
         (_other_score, False, "digest contradicts the rest"),
         (_other_weights, True, "the file of policy 'mine' contradicts the rest"),
+        (_no_file, True, "the file of policy 'mine' contradicts the rest"),
+        (_other_seeds, True, "seeds contradicts the rest"),
         (_no_policy, True, "policies contradicts the rest"),
         (_quick, True, "it is a quick trial and no submission"),
         (_other_version, True, "it is not of the benchmark v1 here"),
