@@ -99,7 +99,9 @@ def write_pose(state: Any, pose: Pose, with_heading: bool) -> None:
         state.setX(pose[0])
         state.setY(pose[1])
         # OMPL's headings are from -pi to below pi; a state with any other one is out of bounds.
-        yaw = (pose[2] + math.pi) % (2.0 * math.pi) - math.pi
+        yaw = pose[2]
+        if not -math.pi <= yaw < math.pi:
+            yaw = (yaw + math.pi) % (2.0 * math.pi) - math.pi
         state.setYaw(yaw if yaw < math.pi else -math.pi)
     else:
         state[0], state[1] = pose[0], pose[1]

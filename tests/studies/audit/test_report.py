@@ -6,6 +6,7 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -163,6 +164,14 @@ def test_json_follows_its_schema_and_is_rounded(folder, examined):
 def test_the_scanner_in_the_report_can_be_used_again(folder, laser):
     yaml = json.loads((folder / "report.json").read_text())["scanner"]["yaml"]
     assert type(laser).from_yaml_text(yaml) == laser
+
+
+def test_places_that_are_not_listed_are_counted(examined):
+    unlisted = replace(examined, findings=())
+    count = examined.regions
+    assert f"There are {count} bad places of notable size, not listed here." in unlisted.summary
+    assert "There is one bad place" in replace(unlisted, regions=1).summary
+    assert "There is no bad place" in replace(unlisted, regions=0).summary
 
 
 def test_summary_in_words(examined):

@@ -9,6 +9,7 @@ import pytest
 import shapely
 import xarray as xr
 
+from ambinav.geometry.collision.reach import reach_of
 from ambinav.geometry.segments import Segments
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
@@ -65,6 +66,14 @@ def test_another_moment_is_no_difference():
     assert compared(synthetic.dataset(), later)[1].identical
 
 
+def test_a_level_that_falls_nowhere_falls_by_no_minus_nothing():
+    first = synthetic.dataset()
+    worse = set_cells(first, block(first, 5.0, 7.0, 0.0, 1.0), 1.0, 3)
+    _, report = compared(first, worse)
+    outcome = judge(parse_condition("largest level fall > 0.1", QUANTITIES), report)
+    assert outcome.text.startswith("largest level fall is 0:")
+
+
 @pytest.mark.parametrize("headings", [0, 4])
 def test_one_parameter_is_told_and_nothing_else(headings):
     first, second = synthetic.dataset(headings), synthetic.dataset(headings)
@@ -76,6 +85,16 @@ def test_one_parameter_is_told_and_nothing_else(headings):
     assert report.summary == (
         "No floor, zone or level differs. Walls are the same within 0.1 m. 1 parameter differs."
     )
+
+
+def test_another_robot_is_a_difference():
+    """Floor is gone then though nothing was built: the report says what changed."""
+    amap = synthetic.for_a_point(synthetic.dataset())
+    wide = amap.for_robot(reach_of(amap.environment, 0.5))
+    report = document(difference(amap, wide), 3)
+    assert report.gone_floor_m2 > 0.0
+    (changed,) = report.parameters
+    assert (changed.name, changed.before, changed.after) == ("judged.robot_radius", "0.01", "0.5")
 
 
 def test_a_map_with_headings_is_held_against_one_without():
