@@ -172,6 +172,8 @@ def _mean(context: LayerContext, name: str, values: Values) -> Values:
     if schema.is_axis(name):
         double = np.exp(2j * floor).mean(axis=1, where=where)
         full[cells] = np.mod(0.5 * np.angle(double), np.pi)
+    elif schema.is_angle(name):
+        full[cells] = np.angle(np.exp(1j * floor).mean(axis=1, where=where))
     else:
         full[cells] = floor.mean(axis=1, where=where)
     return full

@@ -102,6 +102,8 @@ class MapSettings:
             scanner = RangeScanner.load(scanner)
         for name, value in (("spacing", spacing), ("radius", radius)):
             check_kind(value, Real, name, "give a positive number of metres")
+        # Of NumPy's numbers, JSON knows none.
+        spacing, radius = float(spacing), float(radius)
         check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
         names = (layers,) if isinstance(layers, str) else tuple(layers)
         names += tuple({cost_layer(scanner)} - schema.CORE)
@@ -128,6 +130,10 @@ class MapSettings:
             headings = HEADINGS
         mounted = scanner.centred if headings is None else scanner
         thinned = thin(mounted, max_beams)
+        if headings is None and not thinned.looks_all_around:
+            # The few beams that are kept look elsewhere at every heading.
+            headings, mounted = HEADINGS, scanner
+            thinned = thin(mounted, max_beams)
         model = AmbiguityModel(
             radius=radius,
             map_std=env.map_std if map_std is None else map_std,
@@ -177,7 +183,8 @@ def build_map(
             the share done, from 0 to 1.
         tau: Number of beams that carry one independent piece of evidence, at least 1; None: so that
             there are 15 pieces per turn.
-        max_beams: Maximum number of beams used, evenly chosen; None: 60 per turn.
+        max_beams: Maximum number of beams used, evenly chosen; None: 60 per turn. With so few that
+            they do not look all around, the map has headings.
         sigma_theta: Standard deviation of the heading that is known beforehand, radians.
         outlier_share: Share of beams that hit objects that are not in the map.
         low: A radius ratio up to this counts as small when zones are distinguished.
@@ -210,11 +217,12 @@ def build_map(
     )  # fmt: skip
     scanner, mounted, thinned = settings.scanner, settings.mounted, settings.thinned
     model, theta, names = settings.model, settings.theta, settings.layers
+    spacing = settings.spacing
 
     def compute(report: Callable[[float], None]) -> AmbiguityMap:
         lattice, possible = standing_lattice(
             Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta,
-            robot_radius,
+            model.robot_radius,
         )  # fmt: skip
         parts = 1 + len(names)
         results = _compute(

@@ -39,6 +39,10 @@ BACKDROP: Final = "solid"
 """Cells with something in them that is known to be solid, bool, over (y, x). Pictures are drawn
 over it; it is no layer. Maps of older versions lack it."""
 
+ANGLES: Final = ("_angle", "_turn")
+"""Ends of the names of added layers that hold angles with period 2 pi."""
+_PLACES: Final = ("aliasing_x", "aliasing_y", "aliasing_distance")
+"""Between two places that look alike there is none that does."""
 _FLOOR: Final = ("y", "x")
 _LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
 
@@ -62,9 +66,14 @@ def is_nearest(layer: str) -> bool:
     """Return whether the layer is read at the nearest cell, without interpolation.
 
     A zone is a class. The best heading belongs to its cell: it jumps from one to the next. So does
-    a direction of a layer that was added: `best_yaw_angle`.
+    a direction of a layer that was added: `best_yaw_angle`, `aliasing_turn`.
     """
     return _read(base_name(layer)) == "nearest"
+
+
+def is_angle(layer: str) -> bool:
+    """Return whether an added layer holds an angle with period 2 pi."""
+    return base_name(layer).endswith(ANGLES)
 
 
 def is_share(layer: str) -> bool:
@@ -77,7 +86,7 @@ def _read(base: str) -> str:
     """Return how a layer is interpolated between cells."""
     core = CORE_LAYERS.get(base)
     if core is None:
-        return "nearest" if base.endswith("_angle") else "linear"
+        return "nearest" if base.endswith(ANGLES) or base in _PLACES else "linear"
     return core.read
 
 

@@ -32,6 +32,8 @@ TILES: Final = "tiles"
 LAYERS: Final = "layers"
 """in one piece."""
 
+ATTEMPTS: Final = 5
+"""A map that is replaced while it is read is read again, so many times in all."""
 _TILE = 1024
 """Cells along the side of a stored chunk: 4 MiB of float32."""
 
@@ -77,6 +79,8 @@ def write(dataset: xr.Dataset, address: Address) -> None:
             return
         stack.enter_context(holding_interrupts())
         try:
+            # What is there goes first, and may be what parts of the map are still to be read from.
+            fresh = fresh.load()
             put(fresh.assign_attrs({UNFINISHED: LAYERS}), address.store(), consolidated=False)
             finish(address.store())
         # Whatever a file system raises: each has errors of its own.
@@ -151,7 +155,7 @@ def read(
     """Read a dataset into memory.
 
     If nothing else is asked for, it is read whole, not lazily: a map that is replaced while open
-    would otherwise turn to NaN.
+    would otherwise turn to NaN. One that is replaced meanwhile is read again.
 
     Args:
         address: Where the store is.
@@ -161,8 +165,51 @@ def read(
     Raises:
         InputError: there is no readable zarr store, it is of a newer format, or a part of it is
             missing or damaged; the message names the file. A URL gives no answer, or nothing that
-            is installed reads it.
+            is installed reads it. The bounds are none.
     """
+    if bounds is not None:
+        bounds = _checked_bounds(bounds)
+    for attempts_left in reversed(range(ATTEMPTS)):
+        before = _stamp(address)
+        try:
+            dataset = _read(address, bounds, lazy)
+        except InputError:
+            if not attempts_left or _stamp(address) == before:
+                raise
+        else:
+            if lazy or _stamp(address) == before:
+                return dataset
+    raise InputError(
+        f"{address}: the map was replaced {ATTEMPTS} times while it was read; wait for who writes "
+        "it, and open it again."
+    )
+
+
+def _stamp(address: Address) -> object:
+    """Return what is another one once the map has been replaced."""
+    if address.folder is None:
+        return address.read(ROOT)
+    try:
+        about = address.folder.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino
+
+
+def _checked_bounds(bounds: object) -> tuple[float, float, float, float]:
+    refusal = InputError(f"bounds is {bounds!r}; give xmin, ymin, xmax and ymax in metres.")
+    try:
+        xmin, ymin, xmax, ymax = (float(value) for value in bounds)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise refusal from None
+    if any(map(math.isnan, (xmin, ymin, xmax, ymax))):
+        raise refusal
+    return xmin, ymin, xmax, ymax
+
+
+def _read(
+    address: Address, bounds: tuple[float, float, float, float] | None, lazy: bool
+) -> xr.Dataset:
     if address.folder is not None and not address.folder.exists():
         raise InputError(f"{address}: there is no such map; make one with `ambinav map`.")
     root = address.read(ROOT)
@@ -213,8 +260,6 @@ def _within(
 ) -> xr.Dataset:
     """Return the cells whose centres lie in bounds."""
     xmin, ymin, xmax, ymax = bounds
-    if any(map(math.isnan, bounds)):
-        raise InputError(f"bounds is {bounds}; give xmin, ymin, xmax and ymax in metres.")
     part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
     if not (part.sizes["x"] and part.sizes["y"]):
         raise InputError(

@@ -20,6 +20,7 @@ from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.part import part_of
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.space import SpaceCaster
+from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import Backdrop
@@ -94,7 +95,7 @@ class TilePlan:
             InputError: the edge is less than a spacing or makes a tile that no memory holds, or a
                 layer is asked for that is made of the whole map.
         """
-        spacing = settings.spacing
+        spacing, tile = settings.spacing, as_number(tile, "tile")
         if not (math.isfinite(tile) and tile >= spacing):
             raise InputError(
                 f"tile is {tile:g} m and spacing {spacing:g} m; give an edge of at least one "

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambinav.layers.build import with_layers
+from ambinav.layers.build import _mean, with_layers
+from ambinav.layers.context import LayerContext
 from ambinav.map_building.build import build_map
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -17,6 +18,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.service.service import AmbiguityService
 from tests.geometry import scenes
+from tests.maps import synthetic
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +31,23 @@ def fan() -> RangeScanner:
 def turning(fan: RangeScanner) -> AmbiguityMap:
     room = scenes.room(5.0, 2.0)
     return build_map(room, fan, 0.2, headings=6, layers=("fisher", "wall_normals"))
+
+
+def test_angles_are_not_averaged_across_their_end() -> None:
+    """Half a turn to the left and half a turn to the right are the same."""
+    amap = AmbiguityMap(synthetic.dataset(4))
+    values = np.where(np.isnan(amap.dataset["level"]), np.nan, math.pi - 1e-3)
+    values[:, ::2] *= -1.0
+    turned = AmbiguityMap(amap.dataset.assign(aliasing_turn=(("y", "x", "theta"), values)))
+    x = float(amap.dataset["x"][40]) + 0.5 * amap.spacing
+    sampled = turned.sample("aliasing_turn", x, 2.0, 0.0)
+    assert abs(sampled) == pytest.approx(math.pi - 1e-3)
+    assert schema.is_nearest("aliasing_x_mean") and not schema.is_nearest("aliasing")
+    room = scenes.room(3.0, 2.0)
+    context = LayerContext.of(build_map(room, "rplidar-a1", 0.5, headings=4), room)
+    turns = np.resize([math.pi - 1e-3, -math.pi + 1e-3], (int(context.free.sum()), 4))
+    mean = _mean(context, "aliasing_turn", context.spread(turns))
+    np.testing.assert_allclose(np.abs(mean[context.free]), math.pi, atol=1e-5)
 
 
 def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(

@@ -55,6 +55,18 @@ def same(one: AmbiguityMap, other: AmbiguityMap) -> bool:
     return one.dataset.drop_attrs().identical(other.dataset.drop_attrs())
 
 
+@pytest.mark.parametrize("number", [np.float32, np.int64, np.float64])
+def test_numbers_of_numpy_are_numbers(env: Environment, laser: RangeScanner, number: Any) -> None:
+    amap = build_map(env, laser, number(1), number(2), store=False)
+    assert same(amap, build_map(env, laser, 1.0, 2.0, store=False))
+
+
+def test_few_beams_look_elsewhere_at_every_heading(env: Environment, laser: RangeScanner) -> None:
+    assert not build_map(env, laser, 0.5, max_beams=24, store=False).has_theta
+    few = build_map(env, laser, 0.5, max_beams=4, store=False)
+    assert same(few, build_map(env, laser, 0.5, max_beams=4, headings=8, store=False))
+
+
 def test_a_scanner_goes_by_its_name_or_its_file(env: Environment, tmp_path: Path) -> None:
     by_name = build_map(env, "hokuyo-urg-04lx", spacing=0.5)
     scanner = RangeScanner.from_preset("hokuyo-urg-04lx")

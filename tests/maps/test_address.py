@@ -21,7 +21,7 @@ import xarray as xr
 from fsspec.implementations.memory import MemoryFileSystem
 from fsspec.registry import _registry
 
-from ambinav.maps import address
+from ambinav.maps import address, store
 from ambinav.maps.address import Address
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -105,6 +105,52 @@ def test_a_newer_map_replaces_an_older_one(url: str) -> None:
     AmbiguityMap(newer).save(url)
     assert AmbiguityMap.open(url).dataset.identical(newer)
     assert not any(name.startswith("own/") for name in files(url))
+
+
+def test_a_map_is_saved_where_it_is_still_being_read_from(url: str) -> None:
+    """At a URL what is there goes first: all of it is in memory before."""
+    AmbiguityMap(synthetic.dataset()).save(url)
+    lazy = AmbiguityMap.open(url, lazy=True)
+    lazy.dataset["own"] = lazy.dataset["level"] + 1.0
+    lazy.save(url)
+    again = AmbiguityMap.open(url).dataset
+    assert again.drop_vars("own").identical(synthetic.dataset())
+    assert np.nanmin(again["own"]) >= 1.0
+
+
+@pytest.mark.parametrize("place", ["folder", "url"])
+def test_a_map_that_is_replaced_while_it_is_read_is_read_again(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    where = url if place == "url" else str(tmp_path / "a.zarr")
+    older, newer = synthetic.dataset(), synthetic.dataset()
+    newer["level"][:] = 0.0
+    newer.attrs["created"] = "2026-02-02T00:00:00Z"
+    AmbiguityMap(older).save(where)
+    plain, changes = store._read, [newer, older, newer]
+
+    def replaced(*given: Any) -> xr.Dataset:
+        read: xr.Dataset = plain(*given)
+        if changes:
+            AmbiguityMap(changes.pop()).save(where)
+        return read
+
+    monkeypatch.setattr(store, "_read", replaced)
+    assert AmbiguityMap.open(where).dataset.identical(newer)
+    changes += [newer, older] * 3
+    with pytest.raises(InputError, match="was replaced 5 times while it was read"):
+        AmbiguityMap.open(where)
+
+
+@pytest.mark.parametrize("bounds", [(1, 2, 3), (1, 1, "west", 3), 7, None])
+def test_bounds_that_are_none_are_named(tmp_path: Path, bounds: Any) -> None:
+    path = tmp_path / "a.zarr"
+    AmbiguityMap(synthetic.dataset()).save(path)
+    if bounds is None:
+        assert AmbiguityMap.open(path, bounds=bounds).dataset.sizes["x"] > 1
+        return
+    with pytest.raises(InputError, match=r"^bounds is .*; give xmin, ymin, xmax and ymax"):
+        AmbiguityMap.open(path, bounds=bounds)
 
 
 def test_only_maps_are_replaced(url: str) -> None:

@@ -131,18 +131,6 @@ def test_what_cannot_be_met_ends_with_status_3(folder) -> None:
     assert rules.candidates == sum(option.candidates for option in report.options)
 
 
-def test_what_an_audit_alone_misses_is_said(folder) -> None:
-    """The floor that counts is that without obstacles, and an audit counts the rest anew."""
-    given = ("--may", "posts=2", "--candidates", "6", "--json")
-    first = Document.model_validate_json(run("bad < 1 %", *given).stdout)
-    shares = 100.0 * first.after.bad_share, 100.0 * first.after.audit_bad_share
-    assert "audit of the changed building" not in first.summary
-    assert shares[1] > shares[0] + 0.02
-    between = f"bad < {0.5 * sum(shares):.4f} %"
-    report = Document.model_validate_json(run(between, *given).stdout)
-    assert f"audit of the changed building counts {shares[1]:.1f}" in report.summary
-
-
 def test_a_budget_below_everything_changes_nothing(folder) -> None:
     result = run("--budget", "39", "--may", "posts=2,scanner", "--json")
     assert result.exit_code == 0, result.output

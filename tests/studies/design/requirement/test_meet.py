@@ -151,6 +151,18 @@ def test_where_it_cannot_be_met_the_best_is_given(longer) -> None:
     assert "cannot be met" in document(found).summary
 
 
+def test_what_an_audit_alone_misses_is_said(longer) -> None:
+    """The floor that counts is that without obstacles, and an audit counts the rest anew."""
+    best = document(solve(longer, "bad < 0.5 %", "posts=3"))
+    assert "an audit of the changed building" not in best.summary
+    counted, own = 100.0 * best.after.bad_share, 100.0 * best.after.audit_bad_share
+    assert own > counted + 0.02
+    missed = document(solve(longer, f"bad < {0.5 * (counted + own):.4f} %", "posts=3"))
+    assert not missed.met
+    assert "an audit of the changed building counts" in missed.summary
+    assert missed.summary.endswith("% of the floor as bad.")
+
+
 @pytest.mark.slow
 def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
     bad = []
