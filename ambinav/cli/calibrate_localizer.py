@@ -18,6 +18,7 @@ from ambinav.cli.printing import show, table
 from ambinav.cli.running import (
     above_zero,
     at_least,
+    check_apart,
     check_file,
     progress_bars,
     reporting,
@@ -157,6 +158,7 @@ def localizer(
                 f"--output: {output} is no .yaml file; give e.g. {Path(name).stem}-class.yaml."
             )
         check_file(output)
+        check_apart(output, name, *scanner, *(buildings.map_file or ()))
         from ambinav.forecasting.kept_drives import KeptDrives
         from ambinav.forecasting.localizer_study import study_localizer
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ambinav.cli.options import AsJson, documented
-from ambinav.cli.running import above_zero, check_file, not_negative, reporting
+from ambinav.cli.running import above_zero, check_apart, check_file, not_negative, reporting
 from ambinav.runtime.errors import InputError
 
 
@@ -43,6 +43,7 @@ def sensor(
                 "give less, or raise the other."
             )
         check_file(output)
+        check_apart(output, pairs)
         from ambinav.sensing.sensor import RangeSensor
 
         fitted = RangeSensor.fit(

@@ -44,7 +44,7 @@ def demo(
     Example: `ambinav demo -o out/demo`
     """
     with reporting():
-        check_writable(output)
+        check_writable(output / MAP)
         _check_output(output)
         output.mkdir(parents=True, exist_ok=True)
         with_ompl = find_spec("ompl") is not None

@@ -58,7 +58,9 @@ def forecast(
             with replacing(picture) as scratch:
                 save_figure(plot_forecast(amap, result), scratch)
         if as_json:
-            typer.echo(json.dumps(forecast_document(result, robot.odometry or ODOMETRY), indent=2))
+            document = forecast_document(result, robot.odometry or ODOMETRY)
+            more = {} if picture is None else {"picture": str(picture)}
+            typer.echo(json.dumps(document | more, indent=2))
             return
         show(result.sentence)
         if result.causes:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.beacon_options import LAYER as BEACONS
 from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.runtime.errors import InputError
 
@@ -208,6 +209,12 @@ class MapOptions:
             environment = building.load(map_file)
         else:
             environment = space.load(map_file, chosen, robot_radius, **building.reading())
+            if space.scanner_height is not None and environment.space is None:
+                raise InputError(
+                    f"--scanner-height: {map_file} is a plan, in which no height counts; leave it "
+                    "out, give --extrude or --in-space with it, or --height for the cut of an .ifc "
+                    "file."
+                )
         xmin, ymin, xmax, ymax = environment.bounds
         if self.spacing > max(xmax - xmin, ymax - ymin):
             raise InputError(
@@ -303,6 +310,11 @@ class MapOptions:
         from ambinav.layers.registry import chosen_layers
 
         names = tuple(name.strip() for name in self.layers.split(","))
+        if BEACONS in names:
+            raise InputError(
+                f"--layers: {BEACONS} needs the places of beacons; leave it out, and give "
+                "--beacons FILE, which adds it."
+            )
         chosen_layers(names, scanner)
         return names
 

@@ -12,7 +12,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Final, TextIO
 
 import typer
 
@@ -20,6 +20,9 @@ from ambinav.runtime.errors import InputError, InputWarning
 
 if TYPE_CHECKING:
     from ambinav.studies.study import Study
+
+LARGEST: Final = 1e9
+"""No option takes a larger number: squares and counts of it stay finite."""
 
 Progress = Callable[[float], None]
 
@@ -188,8 +191,12 @@ def check_writable(output: Path) -> None:
     """Check, before the long work, that `output` can be made; leave nothing behind.
 
     Raises:
-        InputError: the nearest folder that exists is not a folder, or nothing can be made in it.
+        InputError: the nearest folder that exists is not a folder, or nothing can be made in it; or
+            the output lies in a map, which is replaced as a whole.
     """
+    for folder in output.absolute().parents:
+        if folder.suffix == ".zarr" and folder.is_dir():
+            raise InputError(f"{output}: this is inside of the map {folder}; give another folder.")
     place = output.absolute().parent
     while not place.exists():
         place = place.parent
@@ -228,10 +235,18 @@ def check_file(output: Path) -> None:
     """
     if output.is_dir():
         raise InputError(f"{output}: this is a folder; name a file to write.")
-    for folder in output.absolute().parents:
-        if folder.suffix == ".zarr" and folder.is_dir():
-            raise InputError(f"{output}: this is inside of the map {folder}; give another folder.")
     check_writable(output)
+
+
+def check_apart(output: Path, *inputs: str | Path | None) -> None:
+    """Check that a command does not write over what it reads.
+
+    Raises:
+        InputError: an input is the same file.
+    """
+    for read in inputs:
+        if read is not None and Path(read).exists() and output.resolve() == Path(read).resolve():
+            raise InputError(f"--output: {output} is what is read; name another file.")
 
 
 def check_report(study: Study, output: Path | None, image_format: str) -> None:
@@ -274,6 +289,7 @@ def above_zero(value: float | None, option: str, example: str, unit: str = "metr
     """
     if value is not None and not (math.isfinite(value) and value > 0.0):
         raise InputError(f"{option}: {value:g} is not above zero; give {unit}, e.g. {example}.")
+    _check_size(value, option, example, unit)
 
 
 def not_negative(value: float | None, option: str, example: str, unit: str = "metres") -> None:
@@ -284,6 +300,12 @@ def not_negative(value: float | None, option: str, example: str, unit: str = "me
     """
     if value is not None and not (math.isfinite(value) and value >= 0.0):
         raise InputError(f"{option}: {value:g} is not zero or above; give {unit}, e.g. {example}.")
+    _check_size(value, option, example, unit)
+
+
+def _check_size(value: float | None, option: str, example: str, unit: str) -> None:
+    if value is not None and value > LARGEST:
+        raise InputError(f"{option}: {value:g} is too large; give {unit}, e.g. {example}.")
 
 
 def note(text: str) -> None:

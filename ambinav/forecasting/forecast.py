@@ -239,6 +239,17 @@ class Forecaster:
         return few_echo_metres(self._building, self._scanner, poses, along)
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
+        xmin, ymin, xmax, ymax = self.map.bounds
+        size = math.hypot(xmax - xmin, ymax - ymin)
+        x, y = route.poses[:, 0], route.poses[:, 1]
+        far = np.maximum.reduce([xmin - x, x - xmax, ymin - y, y - ymax]) > size
+        if far.any():
+            # Before its samples fill the memory.
+            k = int(far.argmax())
+            raise InputError(
+                f"route: ({x[k]:.6g}, {y[k]:.6g}) m is far from the floor of {self.map.source}; "
+                "give the map that it was planned on."
+            )
         poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
         if self._only is not None and poses.tobytes() not in self._only:
             raise InputError(

@@ -109,7 +109,11 @@ class LocalizerClass:
         if not isinstance(plain, Mapping):
             raise InputError(f"{path} holds {reprlib.repr(plain)}; give {_EXAMPLE}.")
         try:
-            return from_mapping(cls, plain)
+            made = from_mapping(cls, plain)
+            for localizer in (made.localizer, made.otherwise):
+                if localizer is not None:
+                    chosen_localizer(localizer, OdometryNoise(), Robot(), 10.0)
+            return made
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

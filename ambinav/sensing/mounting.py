@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,10 @@ def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:
     return {key: value for key, value in plain.items() if value != 0.0}
 
 
+HORIZONTAL: Final = 1e-12
+"""A beam whose elevation is less than this many radians is horizontal."""
+
+
 def directed(
     azimuth: Floats, elevation: Floats, mount: Mount, z: float, pitch: float, roll: float
 ) -> tuple[Floats, Floats]:
@@ -96,7 +100,9 @@ def directed(
     rays = SpaceRays(np.zeros((len(azimuth), 3)), azimuth, elevation)
     rays = rays.mounted(x, y, z, yaw, pitch, roll)
     across = np.column_stack([np.full(len(azimuth), x), np.full(len(azimuth), y), rays.azimuth])
-    return across, np.column_stack([np.full(len(azimuth), z), rays.elevation])
+    # A laser upside down is level, but sin(pi) is not 0 in floats.
+    elevation = np.where(np.abs(rays.elevation) < HORIZONTAL, 0.0, rays.elevation)
+    return across, np.column_stack([np.full(len(azimuth), z), elevation])
 
 
 def fan_angles(beams: int, aperture: float) -> Floats:

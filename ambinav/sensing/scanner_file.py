@@ -190,7 +190,7 @@ class _PartModel(ConfigModel):
     layers: Annotated[InstanceOf[Layers] | None, BeforeValidator(_layers)] = None
     tilting: Annotated[InstanceOf[Tilting] | None, BeforeValidator(_tilting)] = None
     camera: Annotated[InstanceOf[Camera] | None, BeforeValidator(_camera)] = None
-    intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
+    intensity: Annotated[InstanceOf[Intensity], of_mapping(Intensity)] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -204,6 +204,11 @@ class _PartModel(ConfigModel):
                     f"{', '.join(LAYOUTS)}."
                 )
         return plain
+
+    @model_validator(mode="after")
+    def _suits(self) -> _PartModel:
+        _ = self.part
+        return self
 
     @property
     def part(self) -> Part:
@@ -226,7 +231,7 @@ class _ScannerModel(ConfigModel):
     name: Text = ""
     description: Text = ""
     source: Text = ""
-    robot_radius: Annotated[float | None, number(above=0)] = None
+    robot_radius: Annotated[float, number(above=0)] | None = None
     parts: Annotated[tuple[_PartModel, ...], BeforeValidator(_listed)]
 
 

@@ -44,7 +44,7 @@ class _SensorModel(ConfigModel):
     max_incidence_deg: Degrees | None = None
     random_share: Number = 0.01
     lost_share: Number = 0.0
-    intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
+    intensity: Annotated[InstanceOf[Intensity], of_mapping(Intensity)] | None = None
 
 
 def parse_sensor(plain: object, where: str) -> dict[str, Any]:

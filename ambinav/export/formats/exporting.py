@@ -49,6 +49,7 @@ def export_map(
             made = _write(exporter, amap, options, Path(place) / name)
             folder = path if exporter.subject == "drive" else path.parent
             targets = tuple(folder / file.name for file in made)
+            _check_replaceable(targets)
             if not overwrite:
                 _check_free([*names, *targets])
             folder.mkdir(parents=True, exist_ok=True)
@@ -92,6 +93,7 @@ def prepare(
             f"ends in {suffixes[0]}."
         )
     names = (path, *(path.with_name(path.stem + suffix) for suffix in suffixes[1:]))
+    _check_replaceable(names)
     if not overwrite:
         _check_free(names)
     return exporter, names
@@ -111,6 +113,17 @@ def _write(
         )
     path.mkdir()
     return exporter.write(drive_on(amap, options.drives[0]), path)
+
+
+def _check_replaceable(names: Sequence[Path]) -> None:
+    """Check that no folder stands in the place of a file.
+
+    Raises:
+        InputError: one does.
+    """
+    for name in names:
+        if name.is_dir():
+            raise InputError(f"{name}: this is a folder; choose another output.")
 
 
 def _check_free(names: Sequence[Path]) -> None:
