@@ -201,6 +201,9 @@ BAD = {
     "radius negative": ([*MAP, "--ambiguity-radius", "-1"], "--ambiguity-radius: -1"),
     "radius inf": ([*MAP, "--ambiguity-radius", "inf"], "--ambiguity-radius: inf"),
     "map-std negative": ([*MAP, "--map-std", "-0.1"], "--map-std: -0.1"),
+    "map-std too large": ([*MAP, "--map-std", "1e308"], "--map-std: 1e+308 is too large"),
+    "height in a plan": ([*MAP, "--scanner-height", "1.2"], "in which no height counts"),
+    "beacons as a layer": ([*MAP, "--layers", "fisher,beacons"], "needs the places of beacons"),
     "no headings": ([*MAP, "--headings", "0"], "--headings: 0"),
     "robot radius negative": ([*MAP, "--robot-radius", "-0.2"], "--robot-radius: -0.2"),
     "negative places": ([*AUDIT, "--places", "-3"], "--places: -3"),
@@ -240,6 +243,17 @@ def test_bad_input_is_one_sentence_and_status_2(runner, folder, arguments, messa
     assert message in errors[0]
     assert result.stdout == ""
     assert files(folder) == before
+
+
+@pytest.mark.parametrize("inner", [("map", "-o", "a.zarr/b.zarr"), ("audit", "-o", "a.zarr/out")])
+def test_nothing_is_written_into_a_map(runner, folder, inner):
+    """The map is replaced as a whole: what stands in it would be gone with the next one."""
+    (folder / "a.zarr").mkdir()
+    command, *output = inner
+    result = runner.invoke(app, [command, "plan.geojson", "-s", "scanner.yaml", *output])
+    assert result.exit_code == 2
+    assert "this is inside of the map" in result.stderr
+    assert not any((folder / "a.zarr").iterdir())
 
 
 def test_the_output_is_checked_before_the_long_work(runner, folder, monkeypatch):
@@ -330,6 +344,12 @@ def test_calibrate_sensor(runner, folder):
     bad = runner.invoke(app, [*arguments, "--resolution", "0.01"])
     assert bad.exit_code == 2
     assert "pairs.csv: line 3" in bad.stderr
+    before = (folder / "pairs.csv").read_bytes()
+    same = ("pairs.csv", "-o", f"{folder}/pairs.csv", "--max-range", "5", "--resolution", "0.01")
+    over = runner.invoke(app, ["calibrate", "sensor", *same])
+    assert over.exit_code == 2
+    assert "pairs.csv is what is read; name another file" in over.stderr
+    assert (folder / "pairs.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -109,6 +109,7 @@ def test_a_class_is_calibrated_as_the_localizer_that_it_drives() -> None:
         ((*RUN[2:], "-o", "class.txt"), "--output: class.txt is no .yaml file; give e.g. "),
         ((*RUN[2:], *MAPS[:4]), "there are 2 buildings; give at least 5"),
         ((*RUN[2:], "--odometry", "wheels"), "--odometry: odometry is 'wheels'; "),
+        ((*RUN[2:], "-o", "short.yaml"), "short.yaml is what is read; name another file"),
         ((*RUN[2:], "--suite", "garden"), "there is no suite 'garden'; "),
         ((*RUN[2:], "--buildings", "0"), "--buildings: 0 is too few"),
         ((*RUN[2:], "--runs", "1"), "--runs: 1 is too few; give 2 or more"),

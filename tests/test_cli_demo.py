@@ -57,6 +57,18 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
 
 
+@pytest.mark.parametrize(
+    ("name", "message"), [("mine.txt", "is a file, not a folder"), ("a.zarr", "inside of the map")]
+)
+def test_a_place_for_no_folder_is_refused(tmp_path, name, message):
+    (tmp_path / "mine.txt").write_text("mine")
+    (tmp_path / "a.zarr").mkdir()
+    result = CliRunner().invoke(app, ["demo", "-o", str(tmp_path / name)])
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not any((tmp_path / "a.zarr").iterdir())
+
+
 def test_it_ends_with_the_status_of_a_command_that_fails(tmp_path, monkeypatch):
     module = importlib.import_module("ambinav.cli.demo")
     monkeypatch.setattr(module, "find_spec", lambda name: None)

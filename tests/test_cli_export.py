@@ -140,6 +140,18 @@ def test_what_is_there_is_kept(runner: CliRunner, plan_folder: Path, there: str)
     assert (plan_folder / there).read_bytes() != b"mine"
 
 
+def test_no_folder_is_replaced(runner: CliRunner, plan_folder: Path) -> None:
+    """Neither for the file that names the others, nor for those: all of it stays as it is."""
+    (plan_folder / "mask.pgm").write_text("mine")
+    (plan_folder / "mask.yaml").mkdir()
+    command = ["export", "map.zarr", "--to", "nav2-keepout", "-o", "mask.yaml", "--overwrite"]
+    result = runner.invoke(app, command)
+    assert result.exit_code == 2
+    assert "mask.yaml: this is a folder" in result.stderr
+    assert (plan_folder / "mask.pgm").read_text() == "mine"
+    assert files(plan_folder) == {"map.zarr", "notes.txt", "mask.pgm", "mask.yaml"}
+
+
 def test_a_missing_package_is_named(
     runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,7 +52,10 @@ def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     assert "picture: f.png" in text
     with Image.open(folder / "f.png") as picture:
         assert min(picture.size) > 300
+    drawn = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
+    assert drawn.pop("picture") == "f.png"
     document = json.loads(CliRunner().invoke(app, [*command[:5], "--json"]).stdout)
+    assert document == drawn
     assert document["lost_probability"] == document["curve"][-1]["lost"] > 0.2
     assert document["causes"][0]["kind"] == "open floor"
     assert document["odometry"] == "poor"

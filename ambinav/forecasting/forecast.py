@@ -39,6 +39,8 @@ Floats = NDArray[np.float64]
 
 FINER = 5
 """Points of a route that are looked at for each distance between updates."""
+FAR = 100.0
+"""A route so many times farther off than a map is large is not sampled."""
 OFF_FLOOR = 0.1
 """Share of a route's places that may be farther than a cell from the free cells of the map."""
 START_STD = (0.05, 0.05, 0.02)
@@ -242,7 +244,7 @@ class Forecaster:
         xmin, ymin, xmax, ymax = self.map.bounds
         size = math.hypot(xmax - xmin, ymax - ymin)
         x, y = route.poses[:, 0], route.poses[:, 1]
-        far = np.maximum.reduce([xmin - x, x - xmax, ymin - y, y - ymax]) > size
+        far = np.maximum.reduce([xmin - x, x - xmax, ymin - y, y - ymax]) > FAR * size
         if far.any():
             # Before its samples fill the memory.
             k = int(far.argmax())

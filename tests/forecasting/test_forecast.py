@@ -201,6 +201,9 @@ def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
     for ask in (forecaster, lambda route: forecaster.lost_probabilities([HALL, route])):
         with pytest.raises(InputError, match=r"route: \(100.0, 100.0\) m and .* the map that"):
             ask(far)
+        # Its samples would fill any memory.
+        with pytest.raises(InputError, match=r"route: \(1, 1e\+09\) m is far from the floor"):
+            ask(Route.through([[1.0, 1.0], [1.0, 1e9]]))
 
 
 def test_a_route_close_to_a_wall_is_on_the_floor() -> None:
@@ -278,6 +281,9 @@ def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
         ("name: mine\ntitle: x\ngain: 0\n", "gain"),
         ("name: mine\ntitle: x\ngane: 1\n", "gane"),
         ("- 1\n", "mapping"),
+        ("name: x\ntitle: x\ngain: 1\nlocalizer: {type: amcl, foo: 1}\n", "mine.yaml: .*'foo'"),
+        ("name: x\ntitle: x\ngain: 1\nlocalizer: nosuch\n", "mine.yaml: .*'nosuch'"),
+        ("name: x\ntitle: x\ngain: 1\notherwise: {type: 3}\n", "mine.yaml: .*3"),
     ):
         path.write_text(text)
         with pytest.raises(InputError, match=message):

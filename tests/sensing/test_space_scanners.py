@@ -70,6 +70,30 @@ def test_tilted_beams_are_turned_as_ros_turns_them(layout: Planar | Layers | Cam
     assert (scanner.mounts[:, :2] == [0.1, 0.2]).all() and (scanner.upright[:, 0] == 0.5).all()
 
 
+@pytest.mark.parametrize("degrees", [180, -180, 360])
+def test_a_laser_upside_down_is_level(degrees: int) -> None:
+    """It scans a plan, with its beams in the other order."""
+    sensor = "{max_range: 5, std: 0.02, resolution: 0.01}"
+    text = "parts:\n  - sensor: {}\n    planar: {{beams: 9, aperture_deg: 200, roll_deg: {}}}\n"
+    scanner = RangeScanner.from_yaml_text(text.format(sensor, degrees))
+    upright = RangeScanner.from_yaml_text(text.format(sensor, 0))
+    assert scanner.level
+    order = -1 if degrees % 360 else 1
+    assert scanner.mounts[::order] == pytest.approx(upright.mounts, abs=1e-12)
+
+
+def test_keys_without_a_value_are_not_given() -> None:
+    text = "robot_radius: null\nparts:\n  - sensor: {}\n    planar: {}\n    intensity: null\n"
+    sensor = "{max_range: 5, std: 0.02, resolution: 0.01, intensity: null}"
+    planar = "{beams: 9, aperture_deg: 200}"
+    scanner = RangeScanner.from_yaml_text(text.format(sensor, planar))
+    assert scanner.robot_radius is None and not len(scanner.intensity_beams)
+    cone = sensor.replace("intensity: null", "aperture_deg: 30")
+    bad = text.replace("intensity: null", "intensity: {{wall: 0.3, reflector: 1, std: 0.1}}")
+    with pytest.raises(InputError, match=r"parts\[0\].*intensity is given with an aperture"):
+        RangeScanner.from_yaml_text(bad.format(cone, planar))
+
+
 def test_pitch_looks_down() -> None:
     ahead = RangeScanner.planar(LASER, 1, 0.0, pitch=0.2)
     assert ahead.upright[0].tolist() == pytest.approx([0.0, -0.2])

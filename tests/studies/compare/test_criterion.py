@@ -168,7 +168,7 @@ def test_headlines() -> None:
     assert headline({"a": worse, "b": worse}, "shortest") == "a and b are worse than shortest."
     assert headline({"a": judged(easy, easy, 0.1)}, "shortest") == (
         "Nothing to gain, since on shortest no robot was lost and the 95th percentile of the error "
-        "is 0.10 m; a makes no difference."
+        "is 0.100 m; a makes no difference."
     )
     assert headline({}, "shortest") == "shortest is the only route; there is nothing to compare."
     assert none.effect == "worse"  # by a millimetre in every run: shown, however small
