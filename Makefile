@@ -114,8 +114,8 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
 $(VENV)/.made:
 	@command -v "$(PYTHON)" >/dev/null || { \
 		echo "make: no interpreter '$(PYTHON)'; give one: make PYTHON=/path/to/python3.11" >&2; exit 1; }
-	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-		echo "make: ambinav needs Python 3.11 or newer, and '$(PYTHON)' is $$("$(PYTHON)" -V 2>&1);" \
+	@"$(PYTHON)" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || { \
+		echo "make: ambinav with OMPL needs Python 3.11 to 3.13, and '$(PYTHON)' is $$("$(PYTHON)" -V 2>&1);" \
 			"give another: make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@"$(PYTHON)" -m venv $(VENV)
 	@touch $@

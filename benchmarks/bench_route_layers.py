@@ -8,7 +8,7 @@ The criterion, written before the first run:
   `reference`: the shortest, and for each layer the route with the least of that layer among the
   weights 2, 5 and 20, at most 10 % longer. So both layers have the same length to spend.
 - Drives: open loop (the robot keeps to its route, whatever it believes, so no collision ends a
-  run), 20 seeds, the same for all routes, odometry of 9 degrees and 12 cm in a metre, Monte Carlo
+  run), 20 seeds, the same for all routes, odometry of 9 degrees and 11 cm in a metre, Monte Carlo
   localization with the beams multiplied.
 - Reported for each scanner: robots lost (error above 0.5 m or 30 degrees for over a second), 95th
   percentile of the position's error, length; and the difference of `position` less `level`, with
@@ -40,7 +40,7 @@ from ambinav.drive.bootstrap import Interval, bootstrap, paired
 
 ENVIRONMENTS = ("demo", "nav2_depot", "stata_hallways_5cm", "aces", "intel")
 BOTH = ("product", "kalman")
-ODOMETRY = "odometry of 9 degrees and 12 cm in a metre"
+ODOMETRY = "odometry of 9 degrees and 11 cm in a metre"
 Case = tuple[str, str]
 Row = dict[str, Any]
 Floats = NDArray[np.float64]

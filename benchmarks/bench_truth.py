@@ -7,7 +7,7 @@ The criterion, written before the first whole run:
   of 30, 8 and 4 m, a ring of 8 sonars of 3 m, these sonars and a depth camera of 4 m and 57
   degrees mixed.
 - Poses: drawn by a seed among the explored cells where the robot fits. About each, a robot with
-  poor odometry (9 degrees and 12 cm in a metre) wanders for 12 m within 0.4 m, four times, Monte
+  poor odometry (9 degrees and 11 cm in a metre) wanders for 12 m within 0.4 m, four times, Monte
   Carlo localization in the loop, started with 5 cm and 2 degrees. The world is the map's own
   segments (in a second pass, `--world aged`, its walls stand 3 cm off the map's, and there is
   furniture that the map does not know).

@@ -38,7 +38,7 @@ Written by `benchmarks/measured.py` from [benchmarks/results](../benchmarks/resu
 reports name date, processor, commit and the whole command. [What was measured](measured.md) says
 what the figures mean, and the [glossary](concepts/glossary.md) what the words mean. `product` is
 Monte Carlo localization that multiplies its beams, `kalman` an extended Kalman filter on the
-ranges. Poor odometry errs by 9 degrees and 12 cm in a metre, mediocre odometry by half of that.
+ranges. Poor odometry errs by 9 degrees and 11 cm in a metre, mediocre odometry by half of that.
 Seconds depend on the processor, ratios less ([how steady they
 are](../benchmarks/README.md#how-steady-the-figures-are)). Policies were trained on earlier code."""
 PICKS: dict[str, Callable[[list[float]], float]] = {

@@ -46,7 +46,7 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService
 
 NOISE = OdometryNoise(scale=0.5)
-"""Poor odometry, 9 degrees and 12 cm in a metre, so that 12 m of it are worse than 0.3 m."""
+"""Poor odometry, 9 degrees and 11 cm in a metre, so that 12 m of it are worse than 0.3 m."""
 REACH = 0.4
 """The robot stays within this distance of its pose, metres: inside the map's neighbourhood."""
 LENGTH = 12.0

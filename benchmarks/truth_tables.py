@@ -28,7 +28,7 @@ BAD = 0.3
 GOAL = 0.85
 FEWEST = 5
 DRAWS = 1000
-ODOMETRY = "odometry of 9 degrees and 12 cm in a metre"
+ODOMETRY = "odometry of 9 degrees and 11 cm in a metre"
 
 Floats = NDArray[np.float64]
 Place = dict[str, Any]

@@ -15,7 +15,7 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.commands import as_commands
 from ambinav_envs.observer import Observer
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.policies.fit import check_fit, difference_text
+from ambinav_envs.policies.fit import check_fit, difference_text, trained_dt
 from ambinav_envs.policies.load import checksum_of, load_policy
 from ambinav_envs.policies.policy import RULES, Policy, checked_actions
 from ambinav_envs.spaces import action_space, observation_space
@@ -68,7 +68,7 @@ class PolicyController:
         environment: The building, as in the map.
         scanner: The robots' scanner.
         robot: The robots.
-        rate: Time steps a second.
+        rate: Time steps a second; None: those of the policy's training.
         runs: Number of runs.
         trust: See `load_policy`.
 
@@ -85,7 +85,7 @@ class PolicyController:
         environment: Environment,
         scanner: RangeScanner,
         robot: Robot,
-        rate: float,
+        rate: float | None,
         runs: int,
         trust: bool = False,
     ) -> None:
@@ -99,6 +99,11 @@ class PolicyController:
         self._observer = Observer(source, parameters, start, goal, runs)
         self._parameters = parameters
         self._starts = np.ones(runs, dtype=np.bool_)
+
+    @property
+    def dt(self) -> float:
+        """Time step of the policy, seconds."""
+        return self._parameters.dt
 
     @property
     def distance(self) -> float:
@@ -118,10 +123,11 @@ class PolicyController:
 
 
 def _parameters(
-    policy: Policy, scanner: RangeScanner, robot: Robot, rate: float
+    policy: Policy, scanner: RangeScanner, robot: Robot, rate: float | None
 ) -> NavigationParameters:
     """Return the parameters of the environment whose observations the policy expects."""
-    common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
+    dt = trained_dt(policy) if rate is None else 1.0 / rate
+    common = {"scanner": scanner, "robot": robot, **({} if dt is None else {"dt": dt})}
     own = {name: policy.environment[name] for name in RULES if name in policy.environment}
     layer = policy.environment.get("layer")
     return NavigationParameters.of(common | policy.seeing | own | {"layer": layer})

@@ -54,7 +54,7 @@ _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = 
 
 
 def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, tuple[str, ...]]:
-    """Describe how scanner and robot differ from those that a policy was trained with.
+    """Describe how scanner, robot and time step differ from those that a policy was trained with.
 
     Args:
         policy: The policy; its environment describes its training. Arguments that it leaves open
@@ -62,8 +62,8 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
         parameters: Parameters of the environment that it is to drive in.
 
     Returns:
-        Under "scanner" and "robot", where they differ, one text for each difference. Names and
-        descriptions of a scanner and its sensors do not matter.
+        Under "scanner", "robot" and "time step", where they differ, one text for each difference.
+        Names and descriptions of a scanner and its sensors do not matter.
 
     Raises:
         InputError: the policy's scanner or robot is of no use.
@@ -79,7 +79,19 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
         by_kind["scanner"] = tuple(_scanner_differences(trained.scanner, parameters.scanner))
     if "robot" in own:
         by_kind["robot"] = tuple(_robot_differences(trained.robot, parameters.robot))
+    dt = trained_dt(policy)
+    if dt is not None and not _same(dt, parameters.dt):
+        by_kind["time step"] = (f"{dt:.4g} s, here {parameters.dt:.4g} s",)
     return {name: texts for name, texts in by_kind.items() if texts}
+
+
+def trained_dt(policy: Policy) -> float | None:
+    """Return the time step of a policy's training, seconds; None: it has none of its own."""
+    given = policy.environment.get("dt")
+    # Who says the scanner was trained, and with what it leaves out as it is by default.
+    if given is None and policy.environment.get("scanner") is not None:
+        return NavigationParameters().dt
+    return None if given is None else float(given)
 
 
 def difference_text(differing: Mapping[str, Sequence[str]]) -> str:
@@ -90,7 +102,7 @@ def difference_text(differing: Mapping[str, Sequence[str]]) -> str:
 def check_fit(
     policy: Policy, parameters: NavigationParameters, force: bool
 ) -> dict[str, tuple[str, ...]]:
-    """Refuse a policy trained with another scanner or robot; warn instead if it is forced.
+    """Refuse a policy trained with another scanner, robot or time step; warn if it is forced.
 
     Args:
         policy: The policy.

@@ -30,7 +30,7 @@ class PolicyLoop:
         robot: Its limits.
         start: x, y (metres) where the robot has room and begins, and its heading, map frame.
         goal: x and y, map frame.
-        rate: Time steps a second; those of the training.
+        rate: Time steps a second; None: those of the policy's training.
         timeout: Seconds after which a message is too old to drive by.
         mounted: Rotation of the scanner's frame in the robot's, as tf has it.
 
@@ -47,13 +47,14 @@ class PolicyLoop:
         start: tuple[float, float, float],
         goal: tuple[float, float],
         *,
-        rate: float = 10.0,
+        rate: float | None = None,
         timeout: float = 0.5,
         mounted: Quaternion = LEVEL,
     ) -> None:
         self._controller = PolicyController(
             policy, Path(), start, goal, environment, scanner, robot, rate, 1
         )
+        self.dt = self._controller.dt
         self._scanner, self._timeout, self._mounted = scanner, timeout, mounted
         self._ranges, self._speeds = np.zeros((1, scanner.beams), np.float32), np.zeros((1, 2))
         self._pose, self._covariance = np.zeros((1, 3)), np.zeros((1, 3, 3))
