@@ -337,11 +337,14 @@ def _show_lost(report: Document) -> None:
 
 
 def _show_aliasing(report: Document) -> None:
-    from ambinav.studies.audit.audit import metres2
+    from ambinav.studies.audit.audit import metres2, percent
 
     aliasing = report.aliasing
     if aliasing and aliasing.poses and not aliasing.sought:
         show("", f"aliasing: not sought among {aliasing.poses:,} poses; add --aliasing")
+    if aliasing and aliasing.sought and aliasing.share is not None and not aliasing.pairs:
+        alike = percent(aliasing.share)
+        show("", f"aliasing: {alike} of the poses with the same scan are elsewhere; no regions")
     if aliasing and aliasing.pairs:
         pairs = (
             (

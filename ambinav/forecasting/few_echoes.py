@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.scans import scan_rays
 from ambinav.drive.localizer_spec import ChosenLocalizer
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
@@ -55,12 +56,11 @@ def few_echo_metres(
 def _echo_share(environment: Environment, scanner: RangeScanner, poses: Floats) -> Floats:
     """Return the share of the beams that return an echo of a surface at each pose, shape (n,)."""
     echo = np.isfinite(scanner.scan(environment, *poses.T))
-    if environment.space is None:
-        c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-        x, y, angle = scanner.mounts.T
-        _, hit = environment.cast_hits(
-            poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y, poses[:, 2:] + angle,
-            float(np.max(scanner.max_range)),
-        )  # fmt: skip
-        echo &= environment.segments.kind[np.maximum(hit, 0)] != FRONTIER
+    x, y, theta = poses.T
+    _, surface, _ = scan_rays(
+        environment, x, y, theta, scanner.mounts[:, :2], scanner.mounts[:, 2],
+        float(np.max(scanner.max_range)), height=scanner.upright[:, 0],
+        elevation=scanner.upright[:, 1], incidence=False,
+    )  # fmt: skip
+    echo &= (surface < 0) | (environment.surface_kind[np.maximum(surface, 0)] != FRONTIER)
     return np.asarray(echo.mean(axis=-1))

@@ -357,8 +357,8 @@ def in_words(probability: float) -> str:
         return "fewer than 1 in 1000 robots get"
     if probability > 0.95:
         return "nearly all robots get"
-    if probability > 0.4:
-        tenths = round(10.0 * probability)
+    if probability >= 0.35:
+        tenths = math.floor(10.0 * probability + 0.5 + 1e-9)
         return "about half of the robots get" if tenths == 5 else f"about {tenths} in 10 robots get"
     one_in = 1.0 / probability
     step = 10.0 ** max(math.floor(math.log10(one_in)) - 1, 0)

@@ -121,10 +121,16 @@ def wrapped(angle):
 
 @kernel
 def motion_between(x0, y0, t0, x1, y1, t1):
-    """Return turn, distance and turn (rot1, trans, rot2) from one pose to another."""
+    """Return turn, distance and turn (rot1, trans, rot2) from one pose to another.
+
+    A motion that is too short to have a direction is one ahead, or, below 0, back.
+    """
     dx, dy = x1 - x0, y1 - y0
     trans = math.sqrt(dx * dx + dy * dy)
-    rot1 = 0.0 if trans < ON_THE_SPOT else wrapped(math.atan2(dy, dx) - t0)
+    if trans < ON_THE_SPOT:
+        ahead = dx * math.cos(t0) + dy * math.sin(t0)
+        return 0.0, math.copysign(trans, ahead), wrapped(t1 - t0)
+    rot1 = wrapped(math.atan2(dy, dx) - t0)
     return rot1, trans, wrapped(t1 - t0 - rot1)
 
 

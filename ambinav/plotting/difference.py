@@ -27,6 +27,7 @@ from ambinav.plotting.floor import (
     colour_patch,
     label_points,
     rgba_bytes,
+    share_text,
     unexplored_patch,
     view,
 )
@@ -147,7 +148,7 @@ def _zone_legend(
     entries: list[Artist] = [
         colour_patch(
             style.ZONE_COLOURS[code],
-            f"{name}\n{shares[0][code].share:.0%} → {shares[1][code].share:.0%}",
+            f"{name}\n{share_text(shares[0][code].share)} → {share_text(shares[1][code].share)}",
         )
         for code, name in enumerate(ZONES)
     ]

@@ -428,6 +428,11 @@ def unexplored_patch(label: str) -> Patch:
     )
 
 
+def share_text(share: float) -> str:
+    """Format a share for a legend, rounded as in documents first: both read the same."""
+    return f"{round(share, 4):.0%}"
+
+
 def area_text(area: float) -> str:
     """Format an area in square metres for a legend."""
     return f"{area:,.0f} m²" if area >= 10 else f"{area:.1f} m²"

@@ -23,6 +23,7 @@ from ambinav.plotting.floor import (
     area_text,
     colour_patch,
     rgba_bytes,
+    share_text,
 )
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
@@ -66,7 +67,9 @@ def plot_zones(
     if legend:
         shares = zip(amap.zone_shares(heading, parts.counted), style.ZONE_COLOURS, strict=True)
         handles: list[Artist] = [
-            colour_patch(colour, f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}")
+            colour_patch(
+                colour, f"{share.zone}\n{share_text(share.share)}, {area_text(share.area)}"
+            )
             for share, colour in shares
         ]
         handles += floor.part_patches(parts) + floor.outside_patches()

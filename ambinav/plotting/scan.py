@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -70,6 +70,10 @@ class Scan(Protocol):
     def hit(self) -> Floats:
         """(B, 2) metres; NaN without echo."""
 
+    @property
+    def frontier(self) -> NDArray[np.bool_]:
+        """(B,) True where the beam ends at unknown space, not at a wall."""
+
 
 def plot_scan(
     amap: AmbiguityMap,
@@ -80,7 +84,7 @@ def plot_scan(
     walls: Sequence[tuple[Point, Point]] = (),
     title: str = "",
 ) -> Axes:
-    """Draw a scan over the walls: beams that return, beams without echo, the robot.
+    """Draw a scan over the walls: beams with and without echo, or into unknown space, the robot.
 
     Args:
         amap: A map of the building.
@@ -97,13 +101,14 @@ def plot_scan(
     axes = floor.axes
     _draw_free(axes, amap.environment.free, bounds)
     returned = np.isfinite(scan.distance)
-    _draw_beams(axes, scan, returned)
+    unknown = returned & scan.frontier
+    _draw_beams(axes, scan, returned, unknown)
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
     along = LineCollection(walls, colors=style.SLIDE, linewidths=4.5, alpha=0.85, zorder=6.5)
     axes.add_collection(along, autolim=False)
-    handles = _legend_entries(returned, slide)
+    handles = _legend_entries(returned, unknown, slide)
     if walls:
         label = "along these walls" if len(walls) > 1 else "along this wall"
         handles.append(Line2D([], [], color=style.SLIDE, linewidth=4.5, label=label))
@@ -130,7 +135,9 @@ def _draw_free(axes: Axes, free: BaseGeometry, bounds: Bounds) -> None:
             axes.add_patch(PathPatch(outline, facecolor=style.FLOOR, linewidth=0, zorder=1.0))
 
 
-def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
+def _draw_beams(
+    axes: Axes, scan: Scan, returned: NDArray[np.bool_], unknown: NDArray[np.bool_]
+) -> None:
     few = scan.axis.size <= _MANY
     end = scan.origin + scan.max_range[:, None] * np.column_stack(
         [np.cos(scan.axis), np.sin(scan.axis)]
@@ -140,7 +147,8 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     cone = scan.aperture > 0
     area = ~cone & (not few)
     for mask, colour, dashes in (
-        (returned, style.ECHO, "solid"),
+        (returned & ~unknown, style.ECHO, "solid"),
+        (unknown, style.FRONTIER, (0, (1, 2))),
         (~returned, style.SILENT, (0, (5, 4))),
     ):
         axes.add_collection(
@@ -180,7 +188,8 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
             ),
             autolim=False,
         )
-    axes.plot(*scan.hit[returned].T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
+    hits = scan.hit[returned & ~unknown]
+    axes.plot(*hits.T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
 
 
 def _blend_white(colour: str) -> tuple[float, float, float]:
@@ -228,21 +237,24 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
     )
 
 
-def _legend_entries(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
+def _legend_entries(
+    returned: NDArray[np.bool_],
+    unknown: NDArray[np.bool_],
+    slide: tuple[float, float] | None,
+) -> list[Artist]:
     """Return the entries of the legend."""
-    echo = f"echo ({int(returned.sum())})"
-    silent = f"no echo ({int((~returned).sum())})"
-    handles: list[Artist]
-    if returned.size > _MANY:
-        handles = [
-            Patch(facecolor=_blend_white(style.ECHO), label=echo),
-            Patch(facecolor=_blend_white(style.SILENT), label=silent),
-        ]
-    else:
-        handles = [
-            Line2D([], [], color=style.ECHO, marker=".", label=echo),
-            Line2D([], [], color=style.SILENT, linestyle="--", label=silent),
-        ]
+    classes: list[tuple[str, int, str, dict[str, Any]]] = [
+        ("echo", int((returned & ~unknown).sum()), style.ECHO, {"marker": "."}),
+        ("no echo", int((~returned).sum()), style.SILENT, {"linestyle": "--"}),
+    ]
+    if unknown.any():
+        classes.append(("to unknown", int(unknown.sum()), style.FRONTIER, {"linestyle": ":"}))
+    handles: list[Artist] = [
+        Patch(facecolor=_blend_white(colour), label=f"{name} ({count})")
+        if returned.size > _MANY
+        else Line2D([], [], color=colour, label=f"{name} ({count})", **line)
+        for name, count, colour, line in classes
+    ]
     if slide is not None:
         handles.append(Line2D([], [], color=style.SLIDE, linewidth=2.2, label="slides unseen"))
     return handles

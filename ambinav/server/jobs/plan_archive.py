@@ -8,7 +8,7 @@ import json
 import secrets
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 from ambinav.server.jobs.plan_jobs import PlanPool
 from ambinav.server.jobs.state import CUT_OFF, State
@@ -18,6 +18,9 @@ from ambinav.server.served import ServedMap, digest_of_map
 
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
+PATIENCE: Final = 2.0
+"""Seconds after which an accepted plan asks again for a place among those of waiting clients."""
+T = TypeVar("T")
 MOST_WAITING: Final = 200
 """Plans that wait, of all clients."""
 
@@ -134,14 +137,15 @@ class PlanJobs:
         try:
             # One at a time, so that clients that wait for their plans find a place.
             async with self._turn:
-                served = await self._map_of(task.map_name)
+                served = await _patiently(lambda: self._map_of(task.map_name))
                 if await asyncio.to_thread(digest_of_map, served) != digest:
                     raise Problem(
                         412, f"The map {task.map_name!r} is another one since the last start."
                     )
                 path = await self._file_of(served)
                 self._state.count_start(id)
-                routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
+                asked = dataclasses.replace(task, map_file=str(path))
+                routes = await _patiently(lambda: self._pool.run(asked))
         except Problem as problem:
             await self._state.job_ended(id, "failed", str(problem.detail))
         except Exception as error:
@@ -155,6 +159,17 @@ class PlanJobs:
         for job in jobs:
             job.cancel()
         await asyncio.gather(*jobs, return_exceptions=True)
+
+
+async def _patiently(call: Callable[[], Awaitable[T]]) -> T:
+    """Return what a call gives, tried again as long as too many others are waiting."""
+    while True:
+        try:
+            return await call()
+        except Problem as problem:
+            if problem.status_code != 503 or problem.headers != RETRY:
+                raise
+        await asyncio.sleep(PATIENCE)
 
 
 def _frozen(value: Any) -> Any:

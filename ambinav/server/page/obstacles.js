@@ -157,8 +157,9 @@ export class Obstacles {
   }
 
   #move(from, to) {
+    if (this.store.get("dragging")) return;
     const step = from.pop();
-    if (!step || this.store.get("dragging")) return;
+    if (!step) return;
     to.push({ list: this.list, name: step.name });
     this.store.set({ obstacles: step.list, picked: null });
   }

@@ -12,6 +12,8 @@ const CURVE = [0, 0.5, 1, 2, 5, 12, 20, 50];
 export class RoutesPanel {
   #planning = null;
   #count = 0;
+  /** Weights of the list, also while their routes are planned again or cannot be planned. */
+  #weights = new Set();
 
   constructor(element, floor, source, store) {
     Object.assign(this, { element, floor, source, store });
@@ -31,6 +33,7 @@ export class RoutesPanel {
   /** A map was opened: nothing is planned in it yet. */
   opened(map) {
     this.map = map;
+    this.#weights.clear();
     this.#planning?.abort();
     this.store.set({ start: null, goal: null, routes: [], trial: null, chosen: null });
     this.say("");
@@ -38,7 +41,7 @@ export class RoutesPanel {
 
   /** Another version of the map is shown: plan in it what was planned. */
   changed() {
-    if (this.store.get("routes").length) this.again();
+    if (this.#weights.size) this.again();
   }
 
   /** The details of the open map have come. */
@@ -114,10 +117,14 @@ export class RoutesPanel {
 
   /** Plan every weight of the list again; the shortest and the chosen weight at first. */
   async #planAll() {
-    const weights = new Set(this.store.get("routes").map(({ weight }) => weight));
-    if (!weights.size) [0, this.store.get("weight")].forEach((weight) => weights.add(weight));
+    const first = [0, this.store.get("weight")];
+    const weights = this.#weights.size ? [...this.#weights] : [...new Set(first)];
     this.store.set({ routes: [], chosen: null });
-    for (const weight of weights) if (!(await this.#plan(weight))) break;
+    for (const weight of weights) {
+      if (!(await this.#plan(weight))) break;
+      // All of them stay in the list, whatever comes between the first and the last.
+      if (weight === weights[0]) for (const planned of weights) this.#weights.add(planned);
+    }
   }
 
   #request() {
@@ -151,7 +158,9 @@ export class RoutesPanel {
   async #plan(weight) {
     const id = this.floor.shown;
     const found = await this.#run("Planning …", (signal) => this.source.plan(id, { ...this.#request(), weight }, signal));
+    if (found && this.floor.shown !== id) this.again();
     if (!found || this.floor.shown !== id) return false;
+    this.#weights.add(weight);
     const others = this.store.get("routes").filter((one) => one.weight !== weight);
     const kind = weight === 0 ? "shortest" : "ambiguity";
     const taken = others.filter((one) => one.kind === kind).map(({ number: taken }) => taken);
@@ -180,7 +189,10 @@ export class RoutesPanel {
     fill(this.table, (routes ?? []).map((one) => routeCard(one, shortest, {
       chosen: one.key === chosen,
       choose: () => this.store.set({ chosen: one.key }),
-      remove: () => this.store.set({ routes: routes.filter(({ key }) => key !== one.key) }),
+      remove: () => {
+        this.#weights.delete(one.weight);
+        this.store.set({ routes: routes.filter(({ key }) => key !== one.key) });
+      },
     })));
   }
 }

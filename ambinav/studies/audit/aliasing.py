@@ -94,6 +94,7 @@ def find_aliasing(
     known_headings = np.maximum(known.sum(axis=1), 1)
     share = np.where(known, aliased.share[sought], 0.0).sum(axis=1) / known_headings
     share = share[known.any(axis=1)]
+    area = amap.judged.area(amap.judged.counted)
     if not share.size:
         return AliasingFindings(0, spacing, False)
     return AliasingFindings(
@@ -102,7 +103,7 @@ def find_aliasing(
         True,
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
-        float((share >= 0.5).mean()) * float(known.any(axis=1).mean()) * len(sought) * spacing**2,
+        float((share >= 0.5).mean() * known.any(axis=1).mean()) * area,
         find_aliased_pairs(context, aliased, letters),
     )
 

@@ -238,7 +238,11 @@ def places_text(count: int, longest: float | None) -> str:
 
 
 def percent(share: float) -> str:
-    """Format a share as a whole percentage, with one decimal below 1 %."""
+    """Format a share as a whole percentage, with one decimal below 1 %.
+
+    It is rounded as in documents first, so that what they keep reads the same.
+    """
+    share = share if share < 0.001 else round(share, 4)
     if 0.0 < share < 0.001:
         return "less than 0.1 %"
     return f"{share * 100:.1f} %" if 0.0 < share < 0.01 else f"{share * 100:.0f} %"

@@ -86,7 +86,7 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
         rest = f"nothing across {them} stands within {reach}"
     else:
         only = "only " if across <= FEW * sight.beams else ""
-        rest = f"{only}{across} of {sight.beams} beams end on anything else"
+        rest = f"{only}{across} of {sight.beams} beams end on another wall"
     return Cause(walls, f"{what}, {where} m; {rest}.")
 
 

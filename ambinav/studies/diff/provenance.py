@@ -83,6 +83,8 @@ def _parameters(amap: AmbiguityMap) -> Iterator[tuple[str, object]]:
     yield from _flatten("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
     for name in _JSON:
         yield from _flatten(name, json.loads(attrs.get(name, "null")))
+    yield "building in space", str(attrs.get("environment_space", ""))[:12] or "a plan"
+    yield "floor z", json.loads(attrs.get("environment_floor", "0.0"))
     # The robot whose floor counts, which needs no other map.
     yield "judged.robot_radius", amap.judged.radius
     yield from _flatten("judged.start", amap.judged.start)

@@ -46,7 +46,7 @@ def test_a_corridor_is_two_walls_as_far_as_the_scanner_sees(angle: float) -> Non
 def test_what_ends_across_is_counted() -> None:
     cause = seen(shapely.box(-20, -1, 2, 1), 0.0, 0.0, 0.0)
     # The end wall takes the beams within atan(1 / 2) of straight ahead.
-    count = int(re.search(r"(\d+) of 720 beams end on anything else", cause.sentence)[1])
+    count = int(re.search(r"(\d+) of 720 beams end on another wall", cause.sentence)[1])
     assert count == pytest.approx(720 * 2 * math.atan(0.5) / math.tau, abs=1.0)
     assert "only" not in cause.sentence
     slot = shapely.box(-20, -1, 20, 1).union(shapely.box(0.5, 0.9, 0.8, 3))
