@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.prisms.prisms import Solid
 from ambinav.casting.solids import with_solids
+from ambinav.config import as_number
 from ambinav.geometry.edit import polygons_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import checked_poses
@@ -111,11 +112,15 @@ def scattered_boxes(
     Raises:
         InputError: the sizes or the count are of no use, or there is no room.
     """
-    low, high = sizes
+    try:
+        low, high = (as_number(size, "sizes") for size in sizes)
+    except (TypeError, ValueError):
+        raise InputError(f"sizes is {sizes!r}; give the least and the greatest edge.") from None
+    as_number(margin, "margin")
     if not (math.isfinite(high) and 0.0 < low <= high):
         raise InputError(f"sizes is {sizes}; give the least and the greatest edge, above 0 m.")
-    if count < 0:
-        raise InputError(f"count is {count}; give a whole number from 0 on.")
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 0:
+        raise InputError(f"count is {count!r}; give a whole number from 0 on.")
     line = None if route is None else shapely.LineString(checked_poses(route, "route")[:, :2])
     shapely.prepare(environment.free)
     xmin, ymin, xmax, ymax = environment.bounds

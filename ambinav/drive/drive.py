@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_count
+from ambinav.config import as_count, check_kind
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
 from ambinav.drive.localizer_spec import (
@@ -124,6 +124,7 @@ def drive_route(
     noise = OdometryNoise() if noise is None else noise
     world = environment if world is None else world
     runs = as_count(runs, "runs")
+    check_kind(rng, np.random.Generator, "rng", "give a numpy Generator, such as default_rng(1)")
     deviations = checked_timing(rate, start_std, max_time)
     course = Course.of(route.poses, route.steering)
     checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)

@@ -89,7 +89,9 @@ class LostRule:
     def __post_init__(self) -> None:
         for name in ("position", "heading", "seconds", "lateral"):
             value = getattr(self, name)
-            if value is not None and as_number(value, name) < 0.0:
+            if value is None and name == "lateral":
+                continue
+            if as_number(value, name) < 0.0:
                 raise InputError(f"{name} is {value}; give at least 0.")
 
     def is_off(self, error: Errors, theta: Floats) -> NDArray[np.bool_]:

@@ -43,6 +43,7 @@ def test_the_frontier_to_unknown_space_returns_no_echo() -> None:
     kind = np.array([FRONTIER, FRONTIER, FRONTIER, FRONTIER], dtype=np.uint8)
     unknown = Environment(Segments(ROOM.segments.xy, kind), ROOM.free, name="unknown")
     assert along_a_wall(unknown, 2.9) == 0.0
+    assert along_a_wall(unknown.in_space(an.extruded(unknown, 2.0)), 2.9) == 0.0
 
 
 def test_it_is_the_same_in_an_extruded_building() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -163,6 +164,17 @@ def test_samples_are_an_update_apart() -> None:
 )
 def test_words(probability: float, words: str) -> None:
     assert in_words(probability) == words
+
+
+def test_words_grow_with_the_probability() -> None:
+    def share(words: str) -> float:
+        if "half" in words:
+            return 0.5
+        first, second = re.search(r"(\d+) in (\d+)", words).groups()  # type: ignore[union-attr]
+        return int(first) / int(second)
+
+    said = [share(in_words(p)) for p in np.linspace(0.002, 0.94, 800)]
+    assert (np.diff(said) >= 0.0).all()
 
 
 def test_classes_are_calibrated() -> None:

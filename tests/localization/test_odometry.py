@@ -55,8 +55,27 @@ def test_parts_of_a_motion() -> None:
         (0.0, 1.0, 0.4)
     )
     assert motion_between(0.0, 0.0, 0.5, 0.0, 0.005, -0.5) == pytest.approx((0.0, 0.005, -1.0))
+    # Back by so little that it has no direction.
+    assert motion_between(0.0, 0.0, 0.0, -0.005, 0.0, 0.1) == pytest.approx((0.0, -0.005, 0.1))
     rot1, trans, rot2 = motion_between(0.0, 0.0, 0.0, -1.0, 0.0, 0.0)
     assert (abs(rot1), trans, abs(rot2)) == pytest.approx((math.pi, 1.0, math.pi))
+
+
+@pytest.mark.parametrize("step", [0.004, 0.02])
+def test_small_steps_back_and_forth_end_where_they_began(step: float) -> None:
+    """However finely odometry is read: errors of a robot that stands have both signs."""
+    model, pose, odometry = OdometryModel(), np.array([1.0, 2.0, 0.7]), np.zeros(3)
+    for k in range(40):
+        ahead = step if k % 2 else -step
+        change = ahead * math.cos(odometry[2]), ahead * math.sin(odometry[2]), 0.01
+        moved = odometry + np.array(change)
+        pose, odometry = model.moved(pose, odometry, moved)[0], moved
+    c, s = math.cos(0.7), math.sin(0.7)
+    assert pose[:2] == pytest.approx(
+        [1.0 + c * odometry[0] - s * odometry[1], 2.0 + s * odometry[0] + c * odometry[1]],
+        abs=40 * step * 0.01,
+    )
+    assert pose[2] == pytest.approx(0.7 + 0.4)
 
 
 def test_driving_backward_is_as_exact_as_forward() -> None:

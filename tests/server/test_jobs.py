@@ -18,10 +18,11 @@ import pytest
 from starlette.requests import Request
 
 import ambinav as an
+from ambinav.server.jobs import plan_archive
 from ambinav.server.jobs.plan_jobs import Turns, received, started, while_connected
 from ambinav.server.jobs.workers import plans
 from ambinav.server.limits import Limits
-from ambinav.server.problems import Problem
+from ambinav.server.problems import RETRY, Problem
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live, wait_until
 
@@ -195,3 +196,22 @@ def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
         worker.kill()
 
     asyncio.run(asyncio.wait_for(interrupted(), 60.0))
+
+
+def test_an_accepted_plan_waits_for_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What others are waiting for ends it no more than it ends a plan that nobody waits for."""
+    monkeypatch.setattr(plan_archive, "PATIENCE", 0.001)
+    refusals = [
+        Problem(503, "Too many plans are waiting; try again later.", headers=RETRY),
+        Problem(503, "Too many plans are waiting; try again later.", headers=RETRY),
+    ]
+
+    async def plan() -> str:
+        if refusals:
+            raise refusals.pop()
+        return "planned"
+
+    assert asyncio.run(plan_archive._patiently(plan)) == "planned"
+    refusals.append(Problem(503, "The process ended."))
+    with pytest.raises(Problem, match="ended"):
+        asyncio.run(plan_archive._patiently(plan))

@@ -105,6 +105,11 @@ async def post_audit(
     followed or the server ends.
     """
     context = context_of(request)
+    if radius < spacing:
+        raise Problem(
+            422, f"radius is {radius:g} m and spacing {spacing:g} m; give a radius of at least one "
+            "spacing.", field="radius",
+        )  # fmt: skip
     chosen = await context.in_thread(_scanner, scanner, context.limits.audit_beams)
     audit = await context.audits.begin(
         files, chosen, spacing, radius, headings, client_of(request.scope), level=level, unit=unit

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Query, Request
 from starlette.responses import Response
 
 from ambinav.server.http.context import context_of
+from ambinav.server.http.etag import is_known
 from ambinav.server.http.models import LayerScale, LegendEntry, as_json
 from ambinav.server.problems import answers
 from ambinav.server.served import check_layer
@@ -81,6 +82,6 @@ async def get_tile(
     # A server that is started again may have another map of this name: browsers ask.
     tag = f'"{zlib.crc32(png):x}-{len(png):x}"'
     headers = {"cache-control": "no-cache", "etag": tag}
-    if request.headers.get("if-none-match") == tag:
+    if is_known(request, tag):
         return Response(status_code=304, headers=headers)
     return Response(png, media_type="image/png", headers=headers)

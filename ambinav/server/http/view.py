@@ -13,6 +13,7 @@ from ambinav.maps.judged_floor import JUDGED, REASONS
 from ambinav.maps.zones import MEANINGS, NOT_FREE, ZONES
 from ambinav.server.http.context import context_of
 from ambinav.server.http.describe import map_detail, map_info
+from ambinav.server.http.etag import is_known
 from ambinav.server.http.models import (
     MapDetail,
     MapList,
@@ -75,7 +76,7 @@ async def get_arrays(request: Request, id: str) -> Response:
     context = context_of(request)
     served = await context.map(request, id)
     headers = {"etag": f'"{await context.in_thread(digest_of_map, served)}"'}
-    if request.headers.get("if-none-match") == headers["etag"]:
+    if is_known(request, headers["etag"]):
         return Response(status_code=304, headers=headers)
     path = await context.in_thread(context.file_of, served)
     return FileResponse(path, media_type=OCTETS, headers=headers)

@@ -97,6 +97,15 @@ def test_another_robot_is_a_difference():
     assert (changed.name, changed.before, changed.after) == ("judged.robot_radius", "0.01", "0.5")
 
 
+def test_another_building_in_space_is_a_difference():
+    """A ceiling that is higher changes no wall of the plan."""
+    first, second = synthetic.dataset(), synthetic.dataset()
+    second.attrs["environment_space"] = "0123456789abcdef"
+    (changed,) = compared(first, second)[1].parameters
+    assert (changed.name, changed.before) == ("building in space", "a plan")
+    assert changed.after == "0123456789ab"
+
+
 def test_a_map_with_headings_is_held_against_one_without():
     found, report = compared(synthetic.dataset(4), synthetic.dataset())
     assert (report.first.headings, report.second.headings) == (4, None)
