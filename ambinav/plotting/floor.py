@@ -101,7 +101,7 @@ class FloorFigure:
         self._backdrop()
         self._draw_walls(walls)
         if scale_bar:
-            self._scale_bar(width)
+            self._scale_bar(max(width, height / 4.0))
         ax.set_title(title, fontsize=self._font + 2, loc="left")
 
     def paint(self, values: NDArray[Any], bounds: Bounds | None = None, **scale: Any) -> AxesImage:
