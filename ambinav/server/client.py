@@ -15,7 +15,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_number
+from ambinav.config import as_flat, as_number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -284,10 +284,13 @@ class Client(AmbiguityService):
         values: Sequence[ArrayLike | None],
         query: dict[str, str],
     ) -> Floats | float:
-        """Request one number for each row of the columns; columns that are None are omitted."""
-        given = [(n, v) for n, v in zip(names, values, strict=True) if v is not None]
-        rows = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for _, v in given))
-        shape, flat = rows[0].shape, [row.reshape(-1) for row in rows]
+        """Request one number for each row of the columns; headings that are None are omitted."""
+        given = [
+            (name, value)
+            for name, value in zip(names, values, strict=True)
+            if value is not None or not name.startswith("theta")
+        ]
+        shape, flat = as_flat(**{name: math.nan if v is None else v for name, v in given})
         query = query | {"columns": ",".join(name for name, _ in given)}
         count = flat[0].size
         out = np.empty(count)

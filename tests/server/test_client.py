@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -149,6 +150,21 @@ def test_a_client_goes_to_another_process(client: an.Client) -> None:
     other = pickle.loads(pickle.dumps(client.with_weight(2.0)))
     assert (other.weight, other.id) == (2.0, "map")
     assert other.cost(1.0, 1.0) == client.with_weight(2.0).cost(1.0, 1.0)
+
+
+def test_odd_arguments_are_refused_as_by_the_service(
+    client: an.Client, corridor: an.AmbiguityMap
+) -> None:
+    service = an.AmbiguityService(corridor)
+    odd: list[tuple[Any, Any]] = [
+        ("a", 3.0), ([3.0, [4.0]], 3.0), ([1.0, 2.0], [1.0, 2.0, 3.0]), (3 + 1j, 3.0),
+    ]  # fmt: skip
+    for x, y in odd:
+        for ask in (client.cost, service.cost):
+            with pytest.raises(InputError, match="x"):
+                ask(x, y)
+    nowhere: Any = None
+    assert client.cost(nowhere, 3.0) == service.cost(nowhere, 3.0) == math.inf
 
 
 @pytest.mark.parametrize(

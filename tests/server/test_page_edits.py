@@ -285,7 +285,11 @@ def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> Non
         page.mouse.click(*place)
         shown(page, count)
     page.get_by_role("tab", name="Routes").click()
-    cards.nth(1).wait_for()
+    page.wait_for_timeout(500)  # by then the routes of the last version are being planned
+    page.wait_for_function(
+        "() => document.querySelectorAll('.route-card').length === 2"
+        " && !document.querySelector('#panel-routes').hasAttribute('aria-busy')"
+    )
     texts = cards.all_inner_texts()
     assert "Shortest" in texts[0] and "Weight 5" in texts[1]
 
