@@ -45,6 +45,24 @@ def sentence_of(error: Exception, what: str) -> str:
     return OURS
 
 
+FIELDS: Final = frozenset(
+    {
+        "goal",
+        "iterations",
+        "layer",
+        "planner",
+        "seconds",
+        "seed",
+        "start",
+        "theta",
+        "weight",
+        "x",
+        "y",
+    }
+)
+"""Parameters that requests and functions of the core have in common, by the same names."""
+
+
 class ProblemDetails(BaseModel):
     """A problem with a request, in the form of RFC 9457."""
 
@@ -147,7 +165,7 @@ def install(app: FastAPI) -> None:
         )
 
     async def on_input(request: Request, error: Exception) -> Response:
-        return problem_response(422, str(error))
+        return problem_response(422, str(error), named_field(str(error)))
 
     async def on_invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
@@ -163,6 +181,12 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, on_invalid)
     for kind in (OSError, sqlite3.Error, Exception):  # of the first two the traceback is no news
         app.add_exception_handler(kind, on_fault)
+
+
+def named_field(detail: str) -> str | None:
+    """Return the parameter that a sentence of ours begins with: "weight is inf; give ..."."""
+    name, found, _ = detail.partition(" is ")
+    return name if found and name in FIELDS else None
 
 
 def invalid(errors: Any) -> Response:

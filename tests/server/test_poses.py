@@ -257,3 +257,10 @@ def test_a_query_beside_a_body_in_json_is_not_passed_over(
     )
     assert answer.status_code == 422
     assert remedy in answer.json()["detail"] and answer.json()["field"] in query
+
+
+@pytest.mark.parametrize("weight", ["inf", "nan", "-1"])
+def test_what_the_core_refuses_names_its_parameter(live: Live, weight: str) -> None:
+    query = {"x": "1", "y": "1", "weight": weight}
+    answer = live.http.get("/v1/maps/map/cost", params=query)
+    assert (answer.status_code, answer.json()["field"]) == (422, "weight")

@@ -12,7 +12,7 @@ from fastapi import Request
 
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.server.jobs.workers import Failure, PlanTask, Worker, plans
-from ambinav.server.problems import ENDING, RETRY, Problem
+from ambinav.server.problems import ENDING, RETRY, Problem, named_field
 from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 T = TypeVar("T")
@@ -117,7 +117,7 @@ class PlanPool:
         if isinstance(answer, Failure):
             if answer.ours:
                 raise answer.error
-            raise Problem(422, answer.detail)
+            raise Problem(422, answer.detail, field=named_field(answer.detail))
         return answer
 
     async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
