@@ -183,7 +183,7 @@ def test_the_radius_of_the_robot_comes_back(tmp_path: Path) -> None:
     assert RangeScanner.mixed(bare, bare).robot_radius is None
 
 
-@pytest.mark.parametrize("value", ["0", "-0.2", "wide", ".inf", "[0.2]", "null"])
+@pytest.mark.parametrize("value", ["0", "-0.2", "wide", ".inf", "[0.2]"])
 def test_a_radius_that_no_robot_has(value: str) -> None:
     text = f"robot_radius: {value}\nparts: [{ROUND}]"
     with pytest.raises(InputError, match=r"robot\.yaml: robot_radius is"):
