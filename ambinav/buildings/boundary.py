@@ -74,8 +74,10 @@ def environment_from_grid(
     specks_stay = gap is None and cell > LARGEST_DEFAULT_SPECK * (1 + 1e-6)
     if gap is None:
         gap = GAP_CELLS * cell if cell <= LARGEST_DEFAULT_GAP else 0.0
+    tolerance, gap = as_number(tolerance, "tolerance"), as_number(gap, "gap")
+    min_area = as_number(min_area, "min_area")
     for key, value in (("tolerance", tolerance), ("gap", gap), ("min_area", min_area)):
-        if not as_number(value, key) >= 0.0:
+        if value < 0.0:
             raise InputError(f"{key} is {value!r}; it must be a length of at least 0 in metres.")
     name = grid.source.stem if grid.source is not None else "grid"
     # Add a margin before rounding down: 0.15 / 0.05 is 2.9999999999999996.

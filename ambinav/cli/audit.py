@@ -343,8 +343,8 @@ def _show_aliasing(report: Document) -> None:
     if aliasing and aliasing.poses and not aliasing.sought:
         show("", f"aliasing: not sought among {aliasing.poses:,} poses; add --aliasing")
     if aliasing and aliasing.sought and aliasing.share is not None and not aliasing.pairs:
-        alike = percent(aliasing.share)
-        show("", f"aliasing: {alike} of the poses with the same scan are elsewhere; no regions")
+        share = percent(aliasing.share)
+        show("", f"aliasing: no two separate regions; {share} of the poses alike are elsewhere")
     if aliasing and aliasing.pairs:
         pairs = (
             (

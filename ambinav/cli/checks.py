@@ -1,4 +1,4 @@
-"""Checks of options: contradictions, endings of files, points."""
+"""Checks of options: contradictions, files to write, points."""
 
 from __future__ import annotations
 
@@ -30,6 +30,28 @@ def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
             f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
             f"{', '.join(suffixes)}."
         )
+
+
+def check_replaced(output: Path) -> None:
+    """Refuse to write a route over a file of another content, such as a building's GeoJSON.
+
+    Raises:
+        InputError: there is such a file.
+    """
+    from ambinav.export.registry import exporter
+    from ambinav.routes.files import load_route
+
+    if not output.is_file() or exporter("route", output).read is None:
+        return
+    try:
+        load_route(output)
+    except InputError as error:
+        from ambinav_planners.flight_file import is_flight
+
+        if not is_flight(output):
+            raise InputError(
+                f"--output: {output} is there and holds no route; give another name, or remove it."
+            ) from error
 
 
 def points_of(text: str, option: str, example: str) -> list[Point]:

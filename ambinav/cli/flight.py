@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from ambinav.cli.checks import check_suffix, conflict
+from ambinav.cli.checks import check_replaced, check_suffix, conflict
 from ambinav.cli.plan_options import (
     AUTO,
     PICTURES,
@@ -17,7 +17,6 @@ from ambinav.cli.plan_options import (
     ResultOptions,
     RobotOptions,
     SearchOptions,
-    check_replaced,
 )
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file

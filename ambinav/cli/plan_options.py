@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ambinav.cli.checks import check_suffix, conflict, points_of
+from ambinav.cli.checks import check_replaced, check_suffix, conflict, points_of
 from ambinav.cli.running import above_zero, check_file, check_writable, not_negative
 from ambinav.runtime.errors import InputError
 
@@ -421,28 +421,6 @@ class ResultOptions:
         if self.picture is not None:
             check_suffix(self.picture, "--picture", PICTURES)
             check_file(self.picture)
-
-
-def check_replaced(output: Path) -> None:
-    """Refuse to write a route over a file of another content, such as a building's GeoJSON.
-
-    Raises:
-        InputError: there is such a file.
-    """
-    from ambinav.export.registry import exporter
-    from ambinav.routes.files import load_route
-
-    if not output.is_file() or exporter("route", output).read is None:
-        return
-    try:
-        load_route(output)
-    except InputError as error:
-        from ambinav_planners.flight_file import is_flight
-
-        if not is_flight(output):
-            raise InputError(
-                f"--output: {output} is there and holds no route; give another name, or remove it."
-            ) from error
 
 
 def _polygons(path: Path | None) -> BaseGeometry | None:

@@ -116,8 +116,8 @@ def scattered_boxes(
         low, high = (as_number(size, "sizes") for size in sizes)
     except (TypeError, ValueError):
         raise InputError(f"sizes is {sizes!r}; give the least and the greatest edge.") from None
-    as_number(margin, "margin")
-    if not (math.isfinite(high) and 0.0 < low <= high):
+    margin = as_number(margin, "margin")
+    if not 0.0 < low <= high:
         raise InputError(f"sizes is {sizes}; give the least and the greatest edge, above 0 m.")
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 0:
         raise InputError(f"count is {count!r}; give a whole number from 0 on.")

@@ -118,13 +118,8 @@ class ProgramLocalizer:
         folder = tempfile.TemporaryDirectory(prefix="ambinav-localizer-")
         path = Path(folder.name) / "map.yaml"
         raster = raster_of(context.environment, None, CELL)
-        save_map_server(
-            path,
-            occupancy(context.environment, raster, for_rays=True),
-            raster,
-            "trinary",
-            **TRINARY,
-        )
+        grey = occupancy(context.environment, raster, for_rays=True)
+        save_map_server(path, grey, raster, "trinary", **TRINARY)
         self._errors: IO[bytes] = (Path(folder.name) / "stderr").open("w+b")
         try:
             self._process = subprocess.Popen(

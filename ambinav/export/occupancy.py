@@ -67,7 +67,7 @@ def raster_of(environment: Environment, resolution: float | None, spacing: float
         InputError: there would be too many.
     """
     # Far from the origin, the last digits of a lattice's spacing are those of its coordinates.
-    size = float(np.round(resolution or environment.resolution or spacing, 9))
+    size = resolution or environment.resolution or float(np.round(spacing, 9))
     extent = environment.extent
     if extent is not None and _upright(extent):
         xmin, ymin, xmax, ymax = extent.bounds

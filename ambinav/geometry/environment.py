@@ -266,7 +266,8 @@ class Environment:
         Raises:
             InputError: the radius is negative or not a number.
         """
-        if not as_number(radius, "is_free: radius") >= 0.0:
+        radius = as_number(radius, "is_free: radius")
+        if radius < 0.0:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         if radius > 0.0:
@@ -333,9 +334,7 @@ class Environment:
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
         """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
-        index = np.asarray(segment, dtype=np.int64)
-        normal = self.segments.normals[np.maximum(index, 0)]
-        return np.where((index >= 0)[..., None], normal, np.nan)
+        return self.segments.normals_of(segment)
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres.
@@ -364,16 +363,14 @@ class Environment:
     ) -> Environment | None:
         """Return the part of the building in a box, for rays and footprints that stay in it.
 
-        It is faster than triangulating the whole building. Its border is a frontier; segments are
-        not cut, so ranges are bit-identical.
+        Its border is a frontier; segments are not cut, so ranges are bit-identical.
 
         Args:
             bounds: (xmin, ymin, xmax, ymax), metres.
             footprints: False: it is only for rays, and its `collision` is not valid.
 
         Returns:
-            The building itself, if it lies in the box or is in space, where nothing is triangulated
-            for rays; None if no free space does.
+            The building itself if it lies in the box or is in space; None if no floor lies there.
         """
         if self.space is not None:
             return self

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
@@ -56,6 +56,12 @@ class Segments:
         normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         return normal
+
+    def normals_of(self, index: ArrayLike) -> NDArray[np.float64]:
+        """Return the normals of segments by index, (..., 2); nan for -1."""
+        which = np.asarray(index, dtype=np.int64)
+        normal = self.normals[np.maximum(which, 0)]
+        return np.where((which >= 0)[..., None], normal, np.nan)
 
     @property
     def walls(self) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from ambinav.runtime.kernels import kernel
 # Bins per metre and per turn.
 PER_METRE = 2.0
 HEADINGS = 36
-# Bins in x and in y: these lie half a million metres apart at least, and are told apart no more.
+# Bins in x and in y. After so many, a million metres, they begin again.
 SIDE = 1 << 21
 
 
@@ -27,7 +27,7 @@ def table_size(particles: int) -> int:
 @kernel(inline="always")
 def bin_of(x, y, theta):
     """Return the bin of a pose as one number."""
-    # Wrapped, so that no coordinate of a national grid makes a bin negative, as of an empty entry.
+    # Never negative, as an empty entry is, in whatever national grid the coordinates are.
     column = int(math.floor(x * PER_METRE)) & (SIDE - 1)
     row = int(math.floor(y * PER_METRE)) & (SIDE - 1)
     turn = theta / (2.0 * math.pi)
@@ -119,7 +119,7 @@ def label_clusters(bins, keys, entry, label, stack):
                 other = (heading + turn + HEADINGS) % HEADINGS
                 for row in range(-1, 2):
                     for column in range(-1, 2):
-                        place = (north + row & SIDE - 1) * SIDE + (east + column & SIDE - 1)
+                        place = ((north + row) & (SIDE - 1)) * SIDE + ((east + column) & (SIDE - 1))
                         beside = place * HEADINGS + other
                         k = place_of(beside, keys)
                         if keys[k] >= 0 and label[k] < 0:

@@ -102,7 +102,7 @@ class MapSettings:
             scanner = RangeScanner.load(scanner)
         for name, value in (("spacing", spacing), ("radius", radius)):
             check_kind(value, Real, name, "give a positive number of metres")
-        # Of NumPy's numbers, JSON knows none.
+        # JSON takes no numbers of NumPy's types.
         spacing, radius = float(spacing), float(radius)
         check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
         names = (layers,) if isinstance(layers, str) else tuple(layers)

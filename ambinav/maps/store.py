@@ -196,10 +196,10 @@ def _stamp(address: Address) -> object:
     return about.st_dev, about.st_ino
 
 
-def _checked_bounds(bounds: object) -> tuple[float, float, float, float]:
+def _checked_bounds(bounds: Any) -> tuple[float, float, float, float]:
     refusal = InputError(f"bounds is {bounds!r}; give xmin, ymin, xmax and ymax in metres.")
     try:
-        xmin, ymin, xmax, ymax = (float(value) for value in bounds)  # type: ignore[attr-defined]
+        xmin, ymin, xmax, ymax = (float(value) for value in bounds)
     except (TypeError, ValueError):
         raise refusal from None
     if any(map(math.isnan, (xmin, ymin, xmax, ymax))):

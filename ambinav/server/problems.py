@@ -46,19 +46,7 @@ def sentence_of(error: Exception, what: str) -> str:
 
 
 FIELDS: Final = frozenset(
-    {
-        "goal",
-        "iterations",
-        "layer",
-        "planner",
-        "seconds",
-        "seed",
-        "start",
-        "theta",
-        "weight",
-        "x",
-        "y",
-    }
+    {"layer", "planner", "weight", "seconds", "iterations", "seed"} | {"start", "goal", "x", "y"}
 )
 """Parameters that requests and functions of the core have in common, by the same names."""
 

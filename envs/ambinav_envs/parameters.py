@@ -50,13 +50,16 @@ GLOBAL: Final = ("mcl", "perfect")
 MOST_WALLS_STD: Final = 0.2
 """Metres. Walls that are off by more cross each other."""
 MOST_SECONDS: Final = 1e6
+"""Of waiting and of standing; in steps they stay whole numbers."""
 MOST_MAP_STD: Final = 100.0
 """Metres."""
-_Deviation = Annotated[float, number(above=0, most=1e6)]
 MOST_LATE: Final = 1000
 """Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
 """Largest number of people, and of boxes, around a robot; each robot of a batch has its own."""
+
+
+_Deviation = Annotated[float, number(above=0, most=1e6)]
 
 
 def _people(value: object) -> People:

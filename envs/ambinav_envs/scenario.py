@@ -53,10 +53,8 @@ def scenario(
         given = {name: value for name, value in own.items() if value is not None}
         options = with_task({**options, **given})
         suite, map = options.pop("suite", None), options.pop("map", None)
-        buildings, first_building = (
-            options.pop("buildings", None),
-            options.pop("first_building", None),
-        )
+        buildings = options.pop("buildings", None)
+        first_building = options.pop("first_building", None)
         max_episode_steps = options.pop("max_episode_steps", None)
     if max_episode_steps is not None:
         options = options | {"max_steps": max_episode_steps}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -90,19 +91,16 @@ class CollisionChecker:
         self.footprint = footprint
         self.steering = steering
         self.must_turn = steering.kind == FACING and not footprint.is_disc
-        self._forbidden = forbidden, origin, spacing
+        self._place: dict[str, Any] = {
+            "forbidden": forbidden, "origin": origin, "spacing": spacing, "simulated": simulated,
+        }  # fmt: skip
         self.arrays: Arrays = pack(
             self.geometry, footprint, self.must_turn, forbidden, origin, spacing
         )
 
     def for_robot(self, footprint: Footprint, steering: Steering) -> CollisionChecker:
         """Return a checker of another robot among the same walls and forbidden cells."""
-        forbidden, origin, spacing = self._forbidden
-        simulated = self.geometry is self.environment and self.environment.drivable is not None
-        return CollisionChecker(
-            self.environment, footprint, steering,
-            forbidden=forbidden, origin=origin, spacing=spacing, simulated=simulated,
-        )  # fmt: skip
+        return CollisionChecker(self.environment, footprint, steering, **self._place)
 
     def __repr__(self) -> str:
         """Return the environment, the footprint and the steering as text."""

@@ -16,11 +16,11 @@ from ambinav.server.jobs.workers import PlanTask
 from ambinav.server.problems import RETRY, Problem, sentence_of, too_many
 from ambinav.server.served import ServedMap, digest_of_map
 
+T = TypeVar("T")
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
 PATIENCE: Final = 2.0
 """Seconds after which an accepted plan asks again for a place among those of waiting clients."""
-T = TypeVar("T")
 MOST_WAITING: Final = 200
 """Plans that wait, of all clients."""
 

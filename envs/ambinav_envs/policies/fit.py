@@ -66,7 +66,7 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
         Names and descriptions of a scanner and its sensors do not matter.
 
     Raises:
-        InputError: the policy's scanner or robot is of no use.
+        InputError: the policy's scanner, robot or time step is of no use.
     """
     own = {
         name: policy.environment[name]
@@ -88,10 +88,11 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
 def trained_dt(policy: Policy) -> float | None:
     """Return the time step of a policy's training, seconds; None: it has none of its own."""
     given = policy.environment.get("dt")
-    # Who says the scanner was trained, and with what it leaves out as it is by default.
-    if given is None and policy.environment.get("scanner") is not None:
-        return NavigationParameters().dt
-    return None if given is None else float(given)
+    if given is not None:
+        return NavigationParameters.of({"dt": given}).dt
+    # What names its scanner was trained, and what it leaves out was as by default.
+    is_trained = policy.environment.get("scanner") is not None
+    return NavigationParameters().dt if is_trained else None
 
 
 def difference_text(differing: Mapping[str, Sequence[str]]) -> str:

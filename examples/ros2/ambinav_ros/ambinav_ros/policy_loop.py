@@ -34,6 +34,9 @@ class PolicyLoop:
         timeout: Seconds after which a message is too old to drive by.
         mounted: Rotation of the scanner's frame in the robot's, as tf has it.
 
+    Attributes:
+        dt: Time step, seconds: the period in which to ask for commands.
+
     Raises:
         InputError: the policy does not fit the scanner, or start or goal has no room.
     """
