@@ -11,11 +11,9 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
-from scipy.ndimage import label
 
 from ambinav.buildings.dxf.layers import role_by_name
 from ambinav.buildings.load import load_environment
-from ambinav.export import occupancy as grids
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, GLASS
 from ambinav.runtime.errors import InputError
@@ -274,20 +272,6 @@ def test_glass_stops_rays_or_only_robots(tmp_path: Path) -> None:
     assert not clear.drivable.intersects(shapely.box(2.5, 0.085, 4.5, 0.115))
 
 
-@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.3])
-def test_an_occupancy_grid_keeps_panes_for_robots(tmp_path: Path, resolution: float) -> None:
-    """Whatever the size of its cells: a pane is thinner. A localizer's grid is as rays are."""
-
-    def draw(space: Any) -> None:
-        rectangle(space, shapely.box(0.0, 0.0, 10.0, 6.0), "A-WALL")
-        lines(space, "GLASS", (5.02, 0.0, 5.02, 6.0))
-
-    env = loaded(tmp_path, draw, glass="clear")
-    raster = grids.raster_of(env, resolution, resolution)
-    assert label(grids.occupancy(env, raster) == grids.FREE)[1] == 2
-    assert label(grids.occupancy(env, raster, for_rays=True) == grids.FREE)[1] == 1
-
-
 def test_robots_pass_neither_clear_glass_nor_walls_without_thickness(tmp_path: Path) -> None:
     def draw(space: Any) -> None:
         glazed(space)
@@ -378,10 +362,7 @@ def test_a_block_that_is_hidden_is_not_read(tmp_path: Path, hidden: str) -> None
         reference = space.add_blockref("pillar", (0, 0), dxfattribs={"layer": "Old"})
         reference.dxf.invisible = int(hidden == "invisible")
         layer = space.doc.layers.add("Old")
-        if hidden == "frozen":
-            layer.freeze()
-        elif hidden == "off":
-            layer.off()
+        {"frozen": layer.freeze, "off": layer.off}.get(hidden, layer.on)()
 
     env = loaded(tmp_path, draw)
     assert differ(env.free, ROOM - COLUMN if hidden == "off" else ROOM) < 1e-5

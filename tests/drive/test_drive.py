@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -230,6 +231,13 @@ def test_bad_arguments_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         runs_of(hall, **{"localizer": "perfect", **options})
+
+
+def test_a_seed_is_no_generator(hall: Environment) -> None:
+    seed: Any = 1
+    with pytest.raises(InputError, match="give a numpy Generator"):
+        route = route_through([[1.0, 1.0], [5.0, 1.0]])
+        drive_route(hall, laser(), Robot(), route, "perfect", seed, 1)
 
 
 def test_a_start_in_the_wall_is_refused(hall: Environment) -> None:

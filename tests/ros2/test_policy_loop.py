@@ -62,6 +62,15 @@ def tell(loop: PolicyLoop, told: tuple[Any, ...]) -> None:
     loop.on_pose(pose)
 
 
+def test_its_time_step_is_that_of_the_training() -> None:
+    env, loop = made()
+    assert loop.dt == env.simulation.parameters.dt
+    parameters, task = env.simulation.parameters, env.simulation.tasks[0]
+    assert task is not None
+    given = room(), parameters.scanner, parameters.robot, tuple(task.start), tuple(task.goal)
+    assert PolicyLoop(POLICY, *given, rate=10.0).dt == 0.1
+
+
 @pytest.mark.slow
 def test_actions_are_those_in_the_environment() -> None:
     env, loop = made()

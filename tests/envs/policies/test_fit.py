@@ -24,7 +24,14 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.policies import ModelPolicy, load_policy
-from ambinav_envs.policies.fit import _ROBOT, _SENSOR, check_fit, difference_text, differences
+from ambinav_envs.policies.fit import (
+    _ROBOT,
+    _SENSOR,
+    check_fit,
+    difference_text,
+    differences,
+    trained_dt,
+)
 from tests.envs.policies.models import saved
 from tests.studies.compare.conftest import SCENARIO, write
 
@@ -87,6 +94,20 @@ def test_each_difference_is_named(policy: ModelPolicy, changed: Any, message: st
     assert str(caught.value).count(". ") == 0 and "--force" in str(caught.value)
     with pytest.warns(InputWarning, match="it drives all the same"):
         assert check_fit(policy, parameters, True) == found
+
+
+def test_the_time_step_of_the_training_counts(policy: ModelPolicy) -> None:
+    found = differences(policy, NavigationParameters(dt=0.1))
+    assert difference_text(found) == "another time step (0.2 s, here 0.1 s)"
+    with pytest.raises(InputError, match="was trained with another time step"):
+        check_fit(policy, NavigationParameters(dt=0.1), False)
+    faster = ModelPolicy(policy.model, environment=policy.environment | {"dt": 0.1})
+    assert trained_dt(faster) == 0.1
+    assert differences(faster, NavigationParameters(dt=0.1)) == {}
+    assert trained_dt(ModelPolicy(policy.model)) is None
+    odd = ModelPolicy(policy.model, environment=policy.environment | {"dt": "fast"})
+    with pytest.raises(InputError, match="dt is 'fast'"):
+        trained_dt(odd)
 
 
 def test_what_is_the_same_fits(policy: ModelPolicy) -> None:

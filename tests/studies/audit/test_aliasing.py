@@ -46,6 +46,7 @@ def test_equal_rooms_are_paired(found):
     assert aliasing.sought
     assert aliasing.spacing == 0.25
     assert 0.2 < aliasing.share < 0.9
+    assert 0.0 < aliasing.area <= amap.judged.area(amap.judged.counted)
     first = [pair for pair in aliasing.pairs if pair.letter == "A"]
     assert len(first) == 2
     for pair in first:

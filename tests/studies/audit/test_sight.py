@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from ambinav.geometry.extrude import extruded
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.plotting.scan import plot_scan
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.studies.audit.sight import count_surfaces, look
 from tests.geometry import scenes
+from tests.maps import synthetic
 
 
 def test_middle_of_the_hall_sees_nothing(building, laser):
@@ -45,6 +48,20 @@ def test_the_edge_of_the_unknown_is_no_surface(building, laser):
     assert sight.frontier.sum() == 60 - sight.silent > 0
     assert sight.surfaces == 0
     assert "end at unknown space; no wall is in range" in sight.sentence
+
+
+def test_its_picture_tells_the_unknown_from_echoes(building, laser):
+    amap = AmbiguityMap(synthetic.dataset())
+    for x, y in ((25.0, 5.0), (10.0, 2.0)):
+        sight = look(building, laser, x, y, 0.0)
+        axes = plot_scan(amap, sight)
+        labels = {text.get_text() for text in axes.get_legend().get_texts()}
+        unknown = int(sight.frontier.sum())
+        echoes = int(np.isfinite(sight.distance).sum()) - unknown
+        assert {f"echo ({echoes})", f"no echo ({sight.silent})"} <= labels
+        assert (f"to unknown ({unknown})" in labels) == (unknown > 0)
+        dots = [line for line in axes.get_lines() if line.get_marker() == "."]
+        assert sum(len(line.get_xdata()) for line in dots) == echoes
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.7])
