@@ -2,9 +2,10 @@
 
 The order, and the goal, are chosen by the costs of the cheapest paths over the map's lattice
 between all of them (`search.cheapest_cycle`); then each leg is planned as any route is, and the
-route of the mission is measured anew. Legs that were improved cost up to 1.3 % less than the paths
-that the order was chosen by; a limit on bad metres in a row is kept by the route, but plays no part
-in the choice.
+route of the mission is measured anew. Long legs that were improved cost up to 1.3 % less than the
+paths that the order was chosen by, short ones a few percent, so that of orders that cost about as
+much the cheapest may be another; a limit on bad metres in a row is kept by the route, but plays no
+part in the choice.
 """
 
 from __future__ import annotations

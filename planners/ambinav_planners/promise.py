@@ -145,7 +145,7 @@ def route_within(
     # A limit on bad metres in a row, and one-way lanes, are none of the search's.
     if problem.limit is None and problem.one_way is None and chosen == "reference":
         routes += _searched(problem, routes, forecaster, max_lost)
-    candidates = _distinct(routes, forecaster)
+    candidates = _distinct(problem, routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
     for route, share in candidates:
         promise = trials.kept(route, share, surely=route is likeliest)
@@ -213,7 +213,7 @@ def _searched(
     for part in SEARCHED_SHARES:
         share = part * max_lost
         kept = [
-            route.length
+            _metres(problem, route)
             for route, lost in zip(routes, forecasts.tolist(), strict=True)
             if lost <= share
         ]
@@ -223,7 +223,9 @@ def _searched(
         )  # fmt: skip
         if path is None:
             continue
-        points = shortened(graph.poses[path.nodes, :2], problem.checker, forecaster, share)
+        points = shortened(
+            graph.poses[path.nodes, :2], problem.checker, forecaster, share, problem.service
+        )
         poses = problem.steering.oriented(np.column_stack([points, np.zeros(len(points))]))
         seconds = time.perf_counter() - started
         searched.append(
@@ -235,12 +237,21 @@ def _searched(
     return searched
 
 
-def _distinct(routes: Sequence[Route], forecaster: Forecaster) -> list[tuple[Route, float]]:
+def _metres(problem: Problem, route: Route) -> float:
+    """Return the length of a route, with the metres that the cost adds; the weight is 0."""
+    if problem.service.plain is None:
+        return route.length
+    return problem.service.route_cost(route.poses, problem.steering)
+
+
+def _distinct(
+    problem: Problem, routes: Sequence[Route], forecaster: Forecaster
+) -> list[tuple[Route, float]]:
     """Return different routes with the shares forecast to get lost, the shortest first."""
     shares = forecaster.lost_probabilities(routes).tolist()
     distinct: list[tuple[Route, float]] = []
     pairs = zip(routes, shares, strict=True)
-    for pair in sorted(pairs, key=lambda pair: (pair[0].length, pair[1])):
+    for pair in sorted(pairs, key=lambda pair: (_metres(problem, pair[0]), pair[1])):
         if not _is_among(pair, distinct):
             distinct.append(pair)
     return distinct

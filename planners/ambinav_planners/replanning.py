@@ -169,11 +169,12 @@ class Replanner:
             clearance_weight=old.clearance_weight, comfort=old.comfort,
             preferred=old.preferred, outside_weight=old.outside_weight,
         )  # fmt: skip
-        if new.density.values.shape != old.density.values.shape or (
-            new.density.origin != old.density.origin
+        before, after = old.density, new.density
+        if after.values.shape != before.values.shape or (
+            (*after.origin, after.spacing) != (*before.origin, before.spacing)
         ):
             raise InputError("changed: the map has another lattice; make a new Replanner for it.")
-        cells = (new.density.values != old.density.values).any(axis=2)
+        cells = (after.values != before.values).any(axis=2)
         self._problem = replace(self._problem, service=new)
         if not cells.any():
             return False

@@ -29,6 +29,8 @@ MAX_MILESTONES = 100_000
 GROWING_SHARE = 0.25
 # Part of the time left that the next roadmap may be expected to take.
 CAUTION = 0.6
+# Blocks of samples without a free pose after which there is taken to be none.
+BLOCKED = 100
 
 
 @dataclass(eq=False)
@@ -47,17 +49,24 @@ class Roadmap:
     problem: Problem
     _setup: Setup
     _planner: og.PRMstar
+    _samplers: list[FreeSampler]
 
     @classmethod
     def over(cls, problem: Problem, seed: int | None = None) -> Roadmap:
         """Create an empty roadmap; the seed is that of its milestones."""
         setup = prepare(problem, Unchecked)
         rng = np.random.default_rng(seed)
-        setup.si.setValidStateSamplerAllocator(lambda si: FreeSampler(si, problem, rng))
+        samplers: list[FreeSampler] = []
+
+        def allocate(si: ob.SpaceInformation) -> FreeSampler:
+            samplers.append(FreeSampler(si, problem, rng))
+            return samplers[-1]
+
+        setup.si.setValidStateSamplerAllocator(allocate)
         planner = og.PRMstar(setup.si)
         setup.simple.setPlanner(planner)
         setup.simple.setup()
-        return cls(problem, setup, planner)
+        return cls(problem, setup, planner, samplers)
 
     @property
     def milestones(self) -> int:
@@ -65,10 +74,14 @@ class Roadmap:
         return int(self._planner.milestoneCount())
 
     def grow(self, milestones: int, until: float = math.inf) -> None:
-        """Grow to a number of milestones, or until a time of `time.perf_counter`."""
+        """Grow to a number of milestones, or until a time of `time.perf_counter`.
+
+        Where hardly any pose is free it ends earlier.
+        """
 
         def stop() -> bool:
-            return bool(self.milestones >= milestones or time.perf_counter() >= until)
+            is_blocked = any(sampler.failed >= BLOCKED for sampler in self._samplers)
+            return bool(is_blocked or self.milestones >= milestones or time.perf_counter() >= until)
 
         self._planner.growRoadmapPtc(ob.PlannerTerminationCondition(stop))
 

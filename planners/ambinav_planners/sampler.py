@@ -33,6 +33,9 @@ class FreeSampler(ob.ValidStateSampler):
         si: OMPL's space information.
         problem: The planning problem.
         rng: Random generator.
+
+    Attributes:
+        failed: Blocks without a free pose since the last that had one.
     """
 
     def __init__(self, si: ob.SpaceInformation, problem: Problem, rng: np.random.Generator) -> None:
@@ -50,10 +53,11 @@ class FreeSampler(ob.ValidStateSampler):
         size = 2 * max(round(AROUND / amap.spacing), 1) + 1
         room = np.maximum(maximum_filter(clearance, size=size) - inner, 0.0)[rows, columns]
         narrow = 1.0 / (room + ROOM) ** 2
-        self._odds = 0.5 / len(rows) + 0.5 * narrow / narrow.sum()
+        self._odds = 0.5 / max(len(rows), 1) + 0.5 * narrow / narrow.sum()
         self._x = amap.dataset["x"].values[columns]
         self._y = amap.dataset["y"].values[rows]
         self._drawn: list[tuple[float, float, float]] = []
+        self.failed = 0
 
     def sample(self, state: Any) -> bool:
         """Write the next free pose into a state."""
@@ -74,6 +78,9 @@ class FreeSampler(ob.ValidStateSampler):
 
     def _draw(self) -> bool:
         """Draw a block of free poses; False if all of it was blocked."""
+        self.failed += 1
+        if not len(self._odds):
+            return False
         cells = self._rng.choice(len(self._odds), size=BLOCK, p=self._odds)
         poses: NDArray[np.float64] = np.empty((BLOCK, 3))
         within = self._rng.uniform(-0.5, 0.5, size=(BLOCK, 2)) * self._spacing
@@ -81,4 +88,6 @@ class FreeSampler(ob.ValidStateSampler):
         poses[:, 2] = self._rng.uniform(-np.pi, np.pi, size=BLOCK)
         free = poses[self._checker.poses_free(poses)]
         self._drawn = [(x, y, theta) for x, y, theta in free.tolist()]
+        if self._drawn:
+            self.failed = 0
         return bool(self._drawn)

@@ -148,6 +148,7 @@ def test_quarter_turns_of_a_square_room_do_not_count(laser: RangeScanner) -> Non
     assert amap.sample("heading", 0.75, 0.35) < 0.05
 
 
+@pytest.mark.slow
 def test_a_wall_between_halves_the_neighbourhood(laser: RangeScanner) -> None:
     # Free space on the far side of a thin wall is no neighbour: nothing else tells left from right.
     wide = scenes.room(20.0, 20.0, np.array([10.0, 0.0, 10.0, 20.0]))

@@ -314,6 +314,7 @@ def test_r2_leaves_room_to_turn_at_the_ends() -> None:
     assert "turn on the spot" in str(r2.why_not(4.5, 2.0))
 
 
+@pytest.mark.slow
 def test_on_a_recorded_map(data_dir: Path) -> None:
     env = load_environment(data_dir / "maps" / "willow_full_005.yaml")
     checker = CollisionChecker(env, Footprint.disc(0.25), Steering())
@@ -355,6 +356,25 @@ def test_forbidden_cells_are_those_under_the_path(steering: Steering) -> None:
     cell = np.column_stack([x, y, np.zeros(len(x))])
     assert not checker.poses_free(cell).any()
     assert checker.why_not(*cell[0]) == "in a forbidden zone"
+
+
+def test_past_corners_of_forbidden_cells_both_ways_are_alike() -> None:
+    forbidden = np.random.default_rng(3).random((20, 20)) < 0.3
+    env, disc = scenes.room(6.0, 6.0), Footprint.disc(0.1)
+    checker = CollisionChecker(
+        env, disc, STEERINGS[0], forbidden=forbidden, origin=(0.5, 0.5), spacing=0.25
+    )
+    rng = np.random.default_rng(4)
+    a = rng.integers(0, 20, (4000, 2))
+    b = np.clip(a + rng.integers(-3, 4, a.shape), 0, 19)
+    poses = [0.5 + 0.25 * np.column_stack([cells, np.zeros(len(a))]) for cells in (a, b)]
+    there = checker.motions_free(*poses)
+    assert (there == checker.motions_free(*poses[::-1])).all()
+    # Diagonally past a closed cell, but not between two of them.
+    diagonal = (np.abs(b - a) == 1).all(axis=1)
+    ends = forbidden[a[:, 1], a[:, 0]] | forbidden[b[:, 1], b[:, 0]]
+    between = forbidden[a[:, 1], b[:, 0]] & forbidden[b[:, 1], a[:, 0]]
+    assert (there == ~(ends | between))[diagonal].all()
 
 
 def test_a_disc_s_line_is_its_motion_in_the_plane(demo: Environment) -> None:

@@ -295,6 +295,7 @@ def test_what_is_free_is_free_on_the_cells(seed: int, radius: float) -> None:
     assert free[inside & (away >= spare) & (border >= spare)].all()
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 100_000),

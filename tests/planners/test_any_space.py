@@ -101,6 +101,7 @@ def vector(si: ob.SpaceInformation, values: Any) -> Any:
     return state
 
 
+@pytest.mark.slow
 def test_in_space_the_price_is_paid_for_the_length_in_space(demo: AmbiguityService) -> None:
     setup, objective = flying(6.0, demo)
     si, service = setup.getSpaceInformation(), demo.with_weight(6.0)

@@ -62,6 +62,7 @@ def test_a_straight_route_in_an_empty_room_is_certified() -> None:
     assert "at most 0 % above" in replace(proof, cost=0.0, bound=0.0).sentence
 
 
+@pytest.mark.slow
 def test_the_bound_knows_the_way_round_a_wall() -> None:
     wall = shapely.box(2.9, 0.0, 3.1, 3.0)
     robot = RoutePlanner(AmbiguityService(room(wall), weight=0.0), footprint=RADIUS)
@@ -78,6 +79,7 @@ def test_the_bound_knows_the_way_round_a_wall() -> None:
     assert proof.gap <= 0.012
 
 
+@pytest.mark.slow
 def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
     demo: AmbiguityService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +112,7 @@ def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
             assert (np.array(slope) <= np.array(cost) + 1e-5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", ["r2", "se2"])
 @pytest.mark.parametrize("which", ["demo_map", "heading_map"])
 def test_no_motion_costs_less_than_the_bound(
@@ -137,6 +140,7 @@ def test_routes_of_other_spaces_and_robots_are_certified(heading_map: AmbiguityM
         assert proof.cost == pytest.approx(route.cost)
 
 
+@pytest.mark.slow
 def test_excluded_floor_raises_the_bound(demo: AmbiguityService) -> None:
     start, goal = (3.0, 3.0), (9.0, 3.0)
     free = RoutePlanner(demo.with_weight(0.0), footprint=RADIUS)
@@ -149,6 +153,7 @@ def test_excluded_floor_raises_the_bound(demo: AmbiguityService) -> None:
     assert round_it.bound > plain.cost
 
 
+@pytest.mark.slow
 def test_a_point_robot_and_a_route_of_no_length(demo: AmbiguityService) -> None:
     robot = RoutePlanner(demo, footprint=0.0)
     assert certify(robot, robot.plan((3.0, 3.0), (9.0, 3.0)), cells=4_000).gap < 0.1

@@ -83,6 +83,7 @@ def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
     assert objective.stateCost(state).value() == pytest.approx(demo.cost(3.0, 3.0))
 
 
+@pytest.mark.slow
 def test_the_lines_for_stops(
     demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +109,7 @@ def test_the_lines_for_route_graphs(
     assert len(RouteGraph.read("priced.geojson").edges) == len(pairs)
 
 
+@pytest.mark.slow
 def test_the_lines_for_speed(
     demo: AmbiguityService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

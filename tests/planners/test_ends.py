@@ -37,6 +37,7 @@ def hall() -> AmbiguityMap:
     return build_map(environment_from_shapes([shape], name="hall"), SCANNER, spacing=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ITERATIONS)
 @pytest.mark.parametrize("turns", [0.5, 16.0])
 def test_headings_are_angles(hall: AmbiguityMap, name: str, turns: float) -> None:
@@ -51,6 +52,7 @@ def test_headings_are_angles(hall: AmbiguityMap, name: str, turns: float) -> Non
             assert math.remainder(turn, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_goal_half_a_turn_round_is_reached_by_car(hall: AmbiguityMap) -> None:
     robot = RoutePlanner(hall, space="reeds-shepp", turning_radius=0.4)
     for heading in (math.pi, -math.pi):
@@ -75,6 +77,7 @@ def test_a_turn_that_a_wall_blocks_needs_room(hall: AmbiguityMap) -> None:
     assert route.length > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("passage", [0.45, 0.49])
 def test_a_map_for_a_robot_hides_no_passage(passage: float) -> None:
     """It has no values between walls where its robot fits at no cell's centre."""

@@ -170,6 +170,7 @@ def test_a_volume_keeps_its_building(robot: FlightPlanner) -> None:
     assert 20 < free.sum() < 380
 
 
+@pytest.mark.slow
 def test_a_picture(robot: FlightPlanner, tmp_path: Path) -> None:
     route = robot.plan(START, GOAL, seconds=20.0, iterations=4000)
     route.draw(tmp_path / "flight.png")

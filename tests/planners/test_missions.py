@@ -30,6 +30,7 @@ START, GOAL = (3.0, 3.0), (28.0, 17.0)
 STOPS = ((20.0, 3.0), (9.0, 21.0), (5.0, 12.0), (27.4, 9.6))
 
 
+@pytest.mark.slow
 @given(st.integers(1, 7), st.integers(0, 10_000), st.sampled_from([0.0, 0.4]))
 def test_cheapest_cycle_is_that_of_brute_force(count: int, seed: int, missing: float) -> None:
     rng = np.random.default_rng(seed)

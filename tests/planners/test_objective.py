@@ -97,6 +97,7 @@ def found(robot: RoutePlanner, name: str) -> tuple[Setup, og.PathGeometric, floa
     return setup, path, chosen.bestCost().value()
 
 
+@pytest.mark.slow
 @steerings
 def test_the_cost_that_ompl_reports_is_the_integral(
     demo: AmbiguityService, steering: Steering

@@ -13,6 +13,7 @@ import pytest
 import shapely
 from shapely import affinity
 
+import ambinav as an
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.fronts import pareto
@@ -55,6 +56,7 @@ def test_two_lanes_are_driven_on_their_sides(demo: AmbiguityService) -> None:
         assert metres_against([SOUTH, NORTH], [0.0, 180.0], route.poses) == 0.0
 
 
+@pytest.mark.slow
 def test_against_the_only_lane_the_route_leads_round_it(demo: AmbiguityService) -> None:
     corridor = shapely.union(SOUTH, NORTH)
     robot = RoutePlanner(demo, one_way=OneWayLanes.of([corridor], [180.0]))
@@ -69,6 +71,17 @@ def test_against_the_only_lane_the_route_leads_round_it(demo: AmbiguityService) 
     front = pareto(robot, start, goal, weights=(0.0, 2.0))
     for point in front.points:
         assert metres_against([corridor], [180.0], point.route.poses) == 0.0
+
+
+def test_a_goal_in_a_lane_is_reached_along_its_edge() -> None:
+    hall = an.environment_from_shapes([shapely.box(0, 0, 4, 4)])
+    amap = an.build_map(hall, an.RangeScanner.from_preset("turtlebot3-lds"), spacing=0.25)
+    lanes = OneWayLanes.of([shapely.box(1, 1, 3, 3)], [270.0])
+    robot = RoutePlanner(AmbiguityService(amap, weight=0.0), footprint=0.1, one_way=lanes)
+    start, goal, corner = (0.4, 0.3), (1.3, 2.171), (1.0, 2.171)
+    route = robot.plan(start, goal)
+    assert lanes.allow(route.poses)
+    assert route.length == pytest.approx(math.dist(start, corner) + 0.3, rel=0.002)
 
 
 def test_slanted_lanes(demo: AmbiguityService) -> None:

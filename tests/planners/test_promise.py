@@ -10,6 +10,7 @@ import pytest
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.runtime.errors import InputError
+from ambinav.service.service import AmbiguityService
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.promise import WEIGHTS, PromiseError, route_within
 
@@ -36,6 +37,19 @@ def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -
                 assert forecaster(other).lost_probability > share
     easy = route_within(robot, *ACROSS, forecaster, 0.999, weights=(0.0, 5.0))
     assert easy.route.length == pytest.approx(shortest.length, abs=0.05)
+
+
+@pytest.mark.slow
+def test_metres_that_the_cost_adds_count_as_length(robot: RoutePlanner) -> None:
+    amap = robot.service.map
+    service = AmbiguityService(amap, weight=0.0, clearance_weight=5.0, comfort=1.0)
+    careful = RoutePlanner(service, footprint=robot.checker.footprint)
+    forecaster = Forecaster(amap, "poor")
+    route = route_within(careful, *ACROSS, forecaster, 0.065, weights=WEIGHTS[::2]).route
+    for weight in WEIGHTS[::2]:
+        other = careful.plan(*ACROSS, weight=weight)
+        if service.route_cost(other.poses) < service.route_cost(route.poses) - 0.05:
+            assert forecaster(other).lost_probability > 0.065
 
 
 def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:

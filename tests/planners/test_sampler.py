@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
+import ambinav as an
 from ambinav_planners import RoutePlanner
 from ambinav_planners.ompl_setup import prepare
 from ambinav_planners.roadmap import Roadmap
 from ambinav_planners.sampler import FreeSampler
 from ambinav_planners.spaces import new_state, pose_reader
+from tests.planners.conftest import LASER
 from tests.planners.test_reachability import building
 
 START, GOAL = (1.0, 2.0, 0.0), (7.0, 2.0, 0.0)
@@ -62,3 +65,14 @@ def test_ompl_asks_the_sampler() -> None:
         graphs.append(roadmap.graph())
     # The sampler's seed alone decides: OMPL's own samples would differ from run to run.
     np.testing.assert_array_equal(graphs[0].poses, graphs[1].poses)
+
+
+def test_a_roadmap_without_a_free_pose_ends() -> None:
+    room = an.environment_from_shapes([shapely.box(0, 0, 1, 1)])
+    amap = an.build_map(
+        room, an.RangeScanner.planar(sensor=LASER, beams=36, aperture=6.0), spacing=0.1
+    )
+    centre = (0.5, 0.5, 0.0)
+    roadmap = Roadmap.over(RoutePlanner(amap, footprint=0.49999).problem(centre, centre), seed=1)
+    roadmap.grow(10)
+    assert roadmap.milestones == 0

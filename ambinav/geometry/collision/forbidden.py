@@ -10,6 +10,8 @@ from ambinav.runtime.kernels import kernel
 
 # An arc is followed in chords that leave it by at most this share of a cell.
 SAGITTA = 0.01
+# Two borders that are crossed within this share of a line are crossed in their corner.
+TIE = 1e-9
 
 
 @kernel(inline="always")
@@ -20,6 +22,12 @@ def is_forbidden(x, y, table, forbidden):
     if not (u >= 0.0 and v >= 0.0 and u < forbidden.shape[1] and v < forbidden.shape[0]):
         return False
     return forbidden[int(v), int(u)]
+
+
+@kernel(inline="always")
+def _is_closed(row, column, forbidden):
+    there = 0 <= row < forbidden.shape[0] and 0 <= column < forbidden.shape[1]
+    return there and forbidden[row, column]
 
 
 @kernel
@@ -36,13 +44,23 @@ def _line_enters(px, py, qx, qy, table, forbidden):
     to_u = (column + 1 - u if du > 0.0 else u - column) * step_u
     to_v = (row + 1 - v if dv > 0.0 else v - row) * step_v
     while True:
-        there = 0 <= row < forbidden.shape[0] and 0 <= column < forbidden.shape[1]
-        if there and forbidden[row, column]:
+        if _is_closed(row, column, forbidden):
             return True
         if row == last_row and column == last_column:
             return False
+        if row != last_row and column != last_column and abs(to_u - to_v) < TIE:
+            # Through a corner: between two closed cells nothing gets, and past one everything does,
+            # whichever way it goes.
+            if _is_closed(row, column + right, forbidden) and _is_closed(
+                row + up, column, forbidden
+            ):
+                return True
+            column += right
+            row += up
+            to_u += step_u
+            to_v += step_v
         # Rounding may not lead past the last row or column.
-        if row == last_row or (column != last_column and to_u < to_v):
+        elif row == last_row or (column != last_column and to_u < to_v):
             column += right
             to_u += step_u
         else:

@@ -92,7 +92,8 @@ def search_within(
     """Find a short path on which at most a share of the robots is forecast to get lost.
 
     Args:
-        graph: Straight motions, the robot facing along them.
+        graph: Straight motions, the robot facing along them. Their length is `fixed`, with the
+            metres that the cost adds.
         forecaster: Forecaster of the graph's map.
         start: A node.
         goal: A node.
@@ -107,13 +108,14 @@ def search_within(
         InputError: there is no such node.
     """
     start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
-    ahead = cost_to_go(graph, graph.length, goal)
+    ahead = cost_to_go(graph, graph.fixed, goal)
     if not ahead[start] < longest:
         return None
     terms = Terms(forecaster.localizer.raw(max_lost), float(longest), int(most_labels))
     field = forecaster.field
+    arrays = graph.arrays._replace(length=graph.fixed)
     motions, length, labels = _search(
-        graph.arrays, graph.poses, forecaster.start, field.fields, field.lattice,
+        arrays, graph.poses, forecaster.start, field.fields, field.lattice,
         forecaster.odometry.packed, forecaster.settings, terms, ahead, start, goal,
     )  # fmt: skip
     return path_back(graph, start, motions, length, labels) if labels >= 0 else None

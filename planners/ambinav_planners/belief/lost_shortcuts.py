@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.routes.route import Route
+from ambinav.service.service import AmbiguityService
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +23,11 @@ LEAST_GAIN = 1e-3
 
 
 def shortened(
-    points: Floats, checker: CollisionChecker, forecaster: Forecaster, max_lost: float
+    points: Floats,
+    checker: CollisionChecker,
+    forecaster: Forecaster,
+    max_lost: float,
+    service: AmbiguityService | None = None,
 ) -> Floats:
     """Return a path with straight lines instead of its zigzags.
 
@@ -31,29 +36,38 @@ def shortened(
         checker: What is free, for a robot that faces along its path.
         forecaster: Forecaster of the map.
         max_lost: Largest share of robots forecast to get lost, which the path itself keeps to.
+        service: Costs in metres, at a weight of 0; None: the length.
 
     Returns:
         The path, shape (M, 2), from the same start to the same goal.
     """
     span = len(points) - 1
     while span >= 2:
-        points = _round(points, span, checker, forecaster, max_lost)
+        points = _round(points, span, checker, forecaster, max_lost, service)
         span = min(span, len(points)) // 2
     return points
 
 
 def _round(
-    points: Floats, span: int, checker: CollisionChecker, forecaster: Forecaster, max_lost: float
+    points: Floats,
+    span: int,
+    checker: CollisionChecker,
+    forecaster: Forecaster,
+    max_lost: float,
+    service: AmbiguityService | None,
 ) -> Floats:
     """Replace parts of `span` motions, those that save most first."""
     begin = np.arange(0, len(points) - span, max(span // OVERLAP, 1))
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    straight = np.hypot(*(points[begin + span] - points[begin]).T)
-    saved = along[begin + span] - along[begin] - straight
-    begin, saved = begin[saved > LEAST_GAIN], saved[saved > LEAST_GAIN]
-    heading = np.arctan2(*(points[begin + span] - points[begin]).T[::-1])
-    poses = [np.column_stack([points[at], heading]) for at in (begin, begin + span)]
-    free = checker.motions_free(*poses) if len(begin) else np.zeros(0, dtype=np.bool_)
+    along = np.concatenate(
+        [[0.0], np.cumsum(_metres(*_facing(points[:-1], points[1:]), checker, service))]
+    )
+    ends = _facing(points[begin], points[begin + span])
+    saved = along[begin + span] - along[begin] - _metres(*ends, checker, service)
+    saves = saved > LEAST_GAIN
+    begin, saved = begin[saves], saved[saves]
+    free = np.zeros(0, dtype=np.bool_)
+    if len(begin):
+        free = checker.motions_free(*(poses[saves] for poses in ends))
     begin, saved = begin[free], saved[free]
     alone = [_without(points, [at], span) for at in begin.tolist()]
     lost = forecaster.lost_probabilities([Route.through(path) for path in alone])
@@ -66,6 +80,21 @@ def _round(
         if not chosen or forecaster.lost_probabilities([Route.through(path)])[0] <= max_lost:
             chosen.append(at)
     return _without(points, chosen, span)
+
+
+def _facing(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return poses at points a and b that face from a to b."""
+    heading = np.arctan2(*(b - a).T[::-1])
+    return np.column_stack([a, heading]), np.column_stack([b, heading])
+
+
+def _metres(
+    a: Floats, b: Floats, checker: CollisionChecker, service: AmbiguityService | None
+) -> Floats:
+    """Return the length of each motion, with the metres that the cost adds."""
+    if service is None or service.plain is None:
+        return np.asarray(np.hypot(*(b - a)[:, :2].T))
+    return service.motion_costs(a, b, checker.steering)
 
 
 def _without(points: Floats, begins: list[int], span: int) -> Floats:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ambinav.geometry.collision.sweep import motion_free, pose_free
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav_planners.improve.legal import improve_legally
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.improve.route import improve
 from ambinav_planners.problem import Problem
@@ -140,24 +141,12 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
     """
     if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
         return poses
+    if problem.one_way is not None:
+        return improve_legally(poses, problem, problem.one_way)
     if problem.limit is None:
-        return _improve_legally(poses, problem)
+        return improve(poses, problem.service, problem.checker)
     better = improve_within(poses, problem.service, problem.checker, problem.limit)
     return poses if better is None else better
-
-
-def _improve_legally(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """Improve a path; where that breaks a one-way lane, improve its halves, and theirs."""
-    better = improve(poses, problem.service, problem.checker)
-    if problem.one_way is None or problem.one_way.allow(better):
-        return better
-    if len(poses) < 3:
-        return poses
-    middle = len(poses) // 2
-    first = _improve_legally(poses[: middle + 1], problem)[:-1]
-    return problem.steering.oriented(
-        np.concatenate([first, _improve_legally(poses[middle:], problem)])
-    )
 
 
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:

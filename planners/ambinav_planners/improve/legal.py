@@ -1,0 +1,97 @@
+"""Improvement of a route that keeps to one-way lanes.
+
+`improve` knows no lanes. Where its result goes against one, the halves of the route are improved on
+their own, and theirs; then vertices are moved one by one to the best place around them, from
+decimetres to millimetres, as long as no motion goes against a lane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_planners.improve.route import improve
+from ambinav_planners.one_way import OneWayLanes
+from ambinav_planners.problem import Problem
+
+Floats = NDArray[np.float64]
+
+SPACING = 1.0
+"""Metres from one vertex to the next at most, before they are moved."""
+REACHES = (0.5, 0.2, 0.08, 0.03, 0.01, 0.003)
+"""Metres by which a vertex is moved at a time."""
+ROUNDS = 20
+"""How often all vertices are moved by each of them at most."""
+ENOUGH = 1e-6
+"""Gains below this share of the cost are none."""
+
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+_AROUND = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(16)], axis=-1)
+
+
+def improve_legally(poses: Floats, problem: Problem, lanes: OneWayLanes) -> Floats:
+    """Reduce the cost of a route that goes against no lane, and keep it so.
+
+    Args:
+        poses: The route, shape (N, 3), of straight motions.
+        problem: The planning problem.
+        lanes: Its lanes.
+    """
+    better = improve(poses, problem.service, problem.checker)
+    if lanes.allow(better):
+        return better
+    parts = _improved_parts(poses, problem, lanes)
+    return problem.steering.oriented(_Vertices(problem, lanes).settled(parts))
+
+
+def _improved_parts(poses: Floats, problem: Problem, lanes: OneWayLanes) -> Floats:
+    """Improve the halves of a route, and theirs, as far as they go against no lane."""
+    if len(poses) < 3:
+        return poses
+    middle = len(poses) // 2
+    parts = []
+    for part in (poses[: middle + 1], poses[middle:]):
+        better = improve(part, problem.service, problem.checker)
+        parts.append(better if lanes.allow(better) else _improved_parts(part, problem, lanes))
+    return np.concatenate([parts[0][:-1], parts[1]])
+
+
+class _Vertices:
+    """Moves vertices of a route one by one."""
+
+    def __init__(self, problem: Problem, lanes: OneWayLanes) -> None:
+        self._problem, self._lanes = problem, lanes
+
+    def settled(self, route: Floats) -> Floats:
+        """Move all vertices until no move gains, with shorter and shorter moves."""
+        route, _, _ = self._problem.steering.dense(route, SPACING)
+        for reach in REACHES:
+            for _ in range(ROUNDS):
+                moved = False
+                for k in range(len(route) - 2, 0, -1):
+                    place = self._best(route[k - 1 : k + 2], reach)
+                    if place is None:
+                        route = np.delete(route, k, axis=0)
+                    elif (place != route[k]).any():
+                        route[k], moved = place, True
+                if not moved:
+                    break
+        return route
+
+    def _best(self, three: Floats, reach: float) -> Floats | None:
+        """Return the best place around the middle one of three poses; None: without it."""
+        before, now, after = three
+        places = np.concatenate([now[np.newaxis], now + reach * _AROUND])
+        ends = [np.broadcast_to(end, places.shape) for end in (before, after)]
+        costs = self._costs(ends[0], places) + self._costs(places, ends[1])
+        best = int(np.argmin(costs))
+        if not costs[best] < costs[0] * (1.0 - ENOUGH):
+            best = 0
+        straight = self._costs(three[:1], three[2:])[0]
+        return None if straight <= costs[best] * (1.0 + ENOUGH) else places[best]
+
+    def _costs(self, a: Floats, b: Floats) -> Floats:
+        """Return the costs of motions from poses a to b, inf where they must not be made."""
+        checker = self._problem.checker
+        may = checker.motions_free(a, b) & self._lanes.allowed(a, b)
+        return np.where(may, self._problem.service.motion_costs(a, b, checker.steering), np.inf)
