@@ -49,6 +49,7 @@ def runner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
     return CliRunner()
 
 
+@pytest.mark.slow
 def test_a_route_from_the_file_alone(runner: CliRunner, folder: Path) -> None:
     (folder / "rooms.wkt").rename(folder / "moved.wkt")
     try:

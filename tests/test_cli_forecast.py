@@ -41,6 +41,7 @@ def folder(stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     return tmp_path
 
 
+@pytest.mark.slow
 def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     command = ["forecast", "map.zarr", "r.csv", "--odometry", "poor", "--picture", "f.png"]
     result = CliRunner().invoke(app, command)
@@ -133,6 +134,7 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
     assert not (folder / "new.csv").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("odometry", [["--odometry", "amcl-default"], ["--odometry-scale", "1"]])
 def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     folder: Path, odometry: list[str]
@@ -166,6 +168,7 @@ def test_bad_input_of_forecast(folder: Path) -> None:
         assert message in " ".join(result.stderr.split())
 
 
+@pytest.mark.slow
 def test_a_program_is_driven_only_if_it_is_trusted(folder: Path) -> None:
     (folder / "mine.yaml").write_text(
         "{name: mine, title: my filter, gain: 0.1, "

@@ -52,6 +52,7 @@ class Cart(ConfigModel):
     wheels: tuple[Wheel, ...]
     motor: Annotated[InstanceOf[Motor], of_mapping(Motor)] = Motor(1.0)
     seats: Count | None = None
+    doors: int | None = None
 
 
 GOOD: dict[str, Any] = {"wheels": [{"radius": "1e-1", "mount": [0, 1, 180]}], "motor": {"power": 2}}
@@ -70,7 +71,7 @@ def test_values_come_back_in_their_types() -> None:
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        ([], "f is []; give a mapping with the keys wheels, motor, seats."),
+        ([], "f is []; give a mapping with the keys wheels, motor, seats, doors."),
         ({}, "f: the key 'wheels' is missing; add it."),
         ({**GOOD, "wheel": 1}, "f: the key 'wheel' is unknown; did you mean wheels."),
         ({"wheels": [3]}, "f: wheels[0] is 3; give a mapping with the keys radius, mount."),
@@ -89,6 +90,7 @@ def test_values_come_back_in_their_types() -> None:
         ),
         ({**GOOD, "seats": 0}, "f: seats is 0; give a whole number of at least 1."),
         ({**GOOD, "seats": True}, "f: seats is True; give a whole number of at least 1."),
+        ({**GOOD, "doors": True}, "f: doors is True; give a number."),
         ({**GOOD, "motor": {}}, "f: motor: the key 'power' is missing; add it."),
         ({**GOOD, "motor": {"powr": 1}}, "f: motor: the key 'powr' is unknown; did you mean power."),  # noqa: E501
         ({**GOOD, "motor": {"power": -1}}, "f: motor: power is -1; give a number above 0."),

@@ -144,6 +144,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_an_interrupt_within_a_text_that_is_executed(tmp_path: Path) -> None:
     """As while modules are imported: Python would kill itself instead of ending with 130."""
     for text, status in ((WITHIN, 130), (WITHIN.replace("interrupts.install()", ""), -2)):

@@ -69,6 +69,7 @@ def test_import_costs_no_more_than_importing_numpy():
 
 
 # ambinav_envs makes its ids known to Gymnasium.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("statement", "allowed"),
     [("import ambinav, ambinav_planners", ()), ("import ambinav_envs", ("gymnasium",))],

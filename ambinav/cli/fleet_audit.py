@@ -215,6 +215,9 @@ def _judge(
                 "why in the report."
             )
             unchecked.append((condition, why))
+    if any(outcome.holds for outcome in outcomes):
+        for condition, why in unchecked:
+            note(f'--fail-if: "{condition}" {why}')
     gate.conclude(outcomes, sites, as_json=as_json, unchecked=unchecked)
     if unchecked:
         condition, why = unchecked[0]

@@ -261,11 +261,13 @@ def _name(weight: float) -> str:
 
 def _weights(text: str) -> list[float]:
     try:
-        return [float(part) for part in text.replace(",", " ").split()]
+        # As files and routes are named by them.
+        weights = [float(f"{float(part):.12g}") for part in text.replace(",", " ").split()]
     except ValueError:
         raise InputError(
             f"--weights: {text!r} is not a list of numbers; give e.g. '0 1 5'."
         ) from None
+    return list(dict.fromkeys(weights))
 
 
 def _figures(route: Route) -> dict[str, Any]:

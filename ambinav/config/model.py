@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from functools import cache
-from typing import Any, TypeVar, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -40,8 +41,10 @@ class ConfigModel(BaseModel):
             raise _no_mapping(plain, cls.model_fields)
         check_keys(plain, cls.model_fields)
         for name, value in plain.items():
+            kind = cls.model_fields[name].annotation
+            kinds = {kind, *(get_args(kind) if get_origin(kind) in (Union, UnionType) else ())}
             # Pydantic takes true for 1.
-            if isinstance(value, bool) and cls.model_fields[name].annotation in (int, float):
+            if isinstance(value, bool) and kinds & {int, float} and bool not in kinds:
                 raise InputError(f"{name} is {value}; give a number")
         return plain
 

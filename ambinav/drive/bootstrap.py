@@ -36,7 +36,7 @@ class Interval:
 
     Attributes:
         value: Value of the runs as they are; nan if none of them has a value.
-        low: Lower end; nan likewise.
+        low: Lower end; nan likewise, and of the mean or median of a single run.
         high: Upper end.
         count: Number of the runs.
     """
@@ -217,6 +217,9 @@ def _interval(
         for made in at_once(draws, rows.size)
     ]
     value = _compared(of(rows, axis=0)[None], ratio)[0]
+    if count == 1:
+        # A single run says nothing about the spread.
+        return Interval(float(value), math.nan, math.nan, 1)
     return percentiles(value, np.concatenate(drawn), count, level)
 
 

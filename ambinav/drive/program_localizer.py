@@ -55,7 +55,7 @@ CELL: Final = 0.05
 GRACE: Final = 2.0
 """Seconds that a program has to end by itself."""
 BESIDE: Final = 1.0
-"""What a number that stands for no echo is above the largest range, metres."""
+"""What a number for no echo is above the largest range, and one for too near below 0, metres."""
 SYMMETRIC: Final = 1e-6
 """Elements of a covariance may be off by this share of the largest one."""
 
@@ -167,7 +167,7 @@ class ProgramLocalizer:
 
     def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Update with odometry poses, (R, 3), and readings, (R, B); return who took them in."""
-        sent = np.where(ranges == np.inf, self._longest, np.maximum(ranges, 0.0)).astype(object)
+        sent = np.where(ranges == np.inf, self._longest, np.maximum(ranges, -BESIDE)).astype(object)
         sent[np.isnan(ranges)] = None
         answer = self._ask({"odometry": odometry.tolist(), "ranges": sent.tolist()})
         self._mean = self._array(answer, "pose", self._mean.shape)

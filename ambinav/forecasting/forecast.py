@@ -355,7 +355,7 @@ def in_words(probability: float) -> str:
     """Return a probability as "about 1 in 20 robots gets"."""
     if probability < 0.001:
         return "fewer than 1 in 1000 robots get"
-    if probability > 0.95:
+    if probability >= 0.95:
         return "nearly all robots get"
     if probability >= 0.35:
         tenths = math.floor(10.0 * probability + 0.5 + 1e-9)

@@ -23,6 +23,7 @@ from ambinav.localization.ekf_update import (
 )
 from ambinav.localization.information import (
     BeamNoise,
+    as_covariances,
     as_map_std,
     as_poses,
     beam_noise,
@@ -94,15 +95,14 @@ class ExtendedKalmanFilter:
 
     def start(self, poses: ArrayLike, covariance: ArrayLike) -> None:
         """Start at poses (R, 3) or (3,), with a covariance (3, 3) or (R, 3, 3)."""
-        mean, cov = np.asarray(poses, dtype=float), np.asarray(covariance, dtype=float)
-        for values, name, shape in ((mean, "poses", (3,)), (cov, "covariance", (3, 3))):
-            if values.shape not in (shape, (self.runs, *shape)) or not np.isfinite(values).all():
-                raise InputError(
-                    f"{name}: the shape is {values.shape}; give finite numbers of shape "
-                    f"{(self.runs, *shape)} for {self.runs} runs."
-                )
+        mean = np.asarray(poses, dtype=np.float64)
+        if mean.shape not in ((3,), (self.runs, 3)) or not np.isfinite(mean).all():
+            raise InputError(
+                f"poses: the shape is {mean.shape}; give finite numbers of shape "
+                f"{(self.runs, 3)} for {self.runs} runs."
+            )
+        self._covariance[:] = as_covariances(covariance, "covariance", self.runs)
         self._mean[:] = mean
-        self._covariance[:] = cov
         self._odometry = None
 
     @property
@@ -188,16 +188,13 @@ class ExtendedKalmanFilter:
             Shape (N, 3, 3), after the scan of each pose; the runs play no part in it.
 
         Raises:
-            InputError: a shape does not fit, or a pose is not finite.
+            InputError: a shape does not fit, a pose is not finite, or the covariance is none.
         """
         rows = as_poses(poses, "poses")
-        first = np.asarray(covariance, dtype=np.float64)
+        (first,) = as_covariances(covariance, "covariance", 1)
         looks = np.ones(len(rows), dtype=np.bool_) if seen is None else np.asarray(seen, dtype=bool)
-        if first.shape != (3, 3) or looks.shape != (len(rows),):
-            raise InputError(
-                f"covariance and seen have the shapes {first.shape} and {looks.shape}; give (3, 3) "
-                f"and ({len(rows)},)."
-            )
+        if looks.shape != (len(rows),):
+            raise InputError(f"seen has the shape {looks.shape}; give {(len(rows),)}.")
         information = np.empty((len(rows), 3, 3))
         informations(rows, self.cast, self.noise, information)
         information[~looks] = 0.0

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
-from ambinav.localization.information import as_poses, scan_information
-from ambinav.localization.online import USUAL_PRIOR, as_covariances, posteriors
+from ambinav.localization.information import as_covariances, as_poses, scan_information
+from ambinav.localization.online import USUAL_PRIOR, posteriors
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

@@ -135,6 +135,26 @@ def as_poses(values: ArrayLike, name: str) -> Floats:
     return rows
 
 
+def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
+    """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
+    given = np.asarray(values, dtype=np.float64)
+    if given.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(given).all():
+        raise InputError(
+            f"{name}: the shape is {given.shape}; give a finite covariance of x, y, theta, (3, 3) "
+            f"or {(number, 3, 3)}."
+        )
+    scale = max(float(np.abs(given).max(initial=0.0)), 1e-300)
+    if np.abs(given - given.swapaxes(-1, -2)).max(initial=0.0) > 1e-9 * scale:
+        raise InputError(f"{name} is not symmetric; give a covariance.")
+    least = np.linalg.eigvalsh(given).min(initial=0.0)
+    if least < -1e-9 * scale:
+        raise InputError(
+            f"{name} has the eigenvalue {least:g}; give a covariance, whose eigenvalues are at "
+            "least 0."
+        )
+    return np.array(np.broadcast_to(given, (number, 3, 3)))
+
+
 def as_map_std(environment: Environment, map_std: float | None) -> float:
     """Return the given deviation of the walls, or the environment's; `InputError` if negative."""
     value = environment.map_std if map_std is None else as_number(map_std, "map_std")

@@ -26,9 +26,8 @@ from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.expected_covariance import place_and_scanner, walls_std
-from ambinav.localization.information import as_poses
+from ambinav.localization.information import as_covariances, as_poses
 from ambinav.localization.odometry import OdometryModel
-from ambinav.localization.online import as_covariances
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

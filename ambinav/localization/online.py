@@ -35,7 +35,12 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.dynamic_objects import weighted_informations
-from ambinav.localization.information import as_map_std, as_poses, beam_noise
+from ambinav.localization.information import (
+    as_covariances,
+    as_map_std,
+    as_poses,
+    beam_noise,
+)
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
@@ -140,26 +145,6 @@ def online_localizability(
         p.lambda_short, cast, noise, weights, information, least=16,
     )  # fmt: skip
     return OnlineLocalizability(information, posteriors(before, information), weights)
-
-
-def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
-    """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
-    given = np.asarray(values, dtype=np.float64)
-    if given.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(given).all():
-        raise InputError(
-            f"{name}: the shape is {given.shape}; give a finite covariance of x, y, theta, (3, 3) "
-            f"or {(number, 3, 3)}."
-        )
-    scale = max(float(np.abs(given).max(initial=0.0)), 1e-300)
-    if np.abs(given - given.swapaxes(-1, -2)).max(initial=0.0) > 1e-9 * scale:
-        raise InputError(f"{name} is not symmetric; give a covariance.")
-    least = np.linalg.eigvalsh(given).min(initial=0.0)
-    if least < -1e-9 * scale:
-        raise InputError(
-            f"{name} has the eigenvalue {least:g}; give a covariance, whose eigenvalues are at "
-            "least 0."
-        )
-    return np.array(np.broadcast_to(given, (number, 3, 3)))
 
 
 def posteriors(prior: Floats, information: Floats) -> Floats:

@@ -90,7 +90,9 @@ def read_carmen(
     stated = lines.mount if mount is None else mount
     if fixed and stated is not None and np.abs(middle).max() >= SAME_POSE:
         # Odometry without errors, in a frame of its own: the laser does not sit that far off.
-        fixed = float(np.abs(between(stated, middle)).max()) < MISPLACED
+        # A log that states all of the mount is right about it.
+        near = SAME_POSE if mount is None and lines.mount_is_whole else MISPLACED
+        fixed = float(np.abs(between(stated, middle)).max()) < near
     if mount is None:
         mount = _mount(lines, middle if fixed else None)
     rebased = fixed and _rebased(lines, laser)

@@ -61,6 +61,7 @@ class Lines:
         path: One entry for each line of odometry (its pose) and of a scan (its index in `scans`,
             -1 for a damaged one).
         mount: Laser's pose on the robot by the log's parameters; None if it has none.
+        mount_is_whole: Whether the parameters state x, y and yaw.
         damaged: The lines that cannot be used.
         counts: Number of lines of scans, odometry and parameters, damaged ones included.
     """
@@ -69,6 +70,7 @@ class Lines:
     scans: list[Scan] = field(default_factory=list)
     path: list[Triple | int] = field(default_factory=list)
     mount: Triple | None = None
+    mount_is_whole: bool = False
     damaged: list[Damage] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
 
@@ -117,6 +119,7 @@ def read_lines(path: Path) -> Lines:
             offsets.get("side_", 0.0),
             offsets.get("angular_", 0.0),
         )
+        lines.mount_is_whole = len(offsets) == len(lines.mount)
     _drop_odd_scans(lines)
     return lines
 

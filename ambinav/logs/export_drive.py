@@ -66,25 +66,26 @@ def export_drive(
         drives: What was recorded.
         run: Which run.
         folder: Where to; it is made if it is missing, and older files are replaced.
-        scanner: What the robot saw with. None: no CARMEN log, as for scanners whose beams start
-            in several places or whose readings were not kept.
+        scanner: What the robot saw with. None: no CARMEN log, as for scanners whose beams it
+            cannot describe or whose readings were not kept.
         formats: Names of formats (`export.registry.formats("drive")`); None: the three above.
 
     Returns:
         The files.
 
     Raises:
-        InputError: there is no such run or format, or what `drive_log` and `save_carmen` refuse;
-            then no file is written.
+        InputError: there is no such run or format, or what `drive_log` refuses; then no file is
+            written.
     """
     folder = Path(folder)
     _check_run(drives, run)
-    # Make the log first, as only that can raise an error.
     names = DRIVE_FORMATS if formats is None else tuple(formats)
     chosen = [
         EXPORTERS.get(f"drive-{name}") for name in names if name != "carmen" or scanner is not None
     ]
     drive = RecordedDrive(drives, run, scanner)
+    if scanner is not None and CARMEN in chosen:
+        drive_log(drives, run, scanner)
     folder.mkdir(parents=True, exist_ok=True)
     return tuple(path for exporter in chosen for path in exporter.written(drive, folder))
 
@@ -148,11 +149,12 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner) -> Log:
     Args:
         drives: What was recorded, with the readings (`keep_ranges`).
         run: Which run.
-        scanner: What the robot saw with; all beams start in one place and go counter-clockwise.
+        scanner: What the robot saw with; all beams start in one place, lie in its plane, and are
+            evenly spread. Those of an upside-down laser go clockwise: the log has them reversed.
 
     Raises:
         InputError: there is no such run, the readings were not kept or are not of this scanner,
-            or its beams start in several places.
+            or a log cannot describe its beams.
     """
     _check_run(drives, run)
     if drives.ranges is None:
@@ -169,16 +171,17 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner) -> Log:
         )
     x, y, yaw = scanner.mounts.T
     if max(np.ptp(x), np.ptp(y)) > SAME_PLACE:
-        raise InputError(
-            f"scanner {scanner.name!r}: its beams start in several places, which the log of one "
-            "laser cannot say; export poses alone, without the scanner."
-        )
+        raise _undescribed(scanner, "its beams start in several places")
+    if not scanner.level:
+        raise _undescribed(scanner, "its beams look up or down")
     turn = np.unwrap(yaw)
+    if turn[-1] < turn[0]:
+        turn, ranges = np.unwrap(yaw[::-1]), ranges[:, ::-1]
     ahead = 0.5 * float(turn[0] + turn[-1])
     if turn[-1] - turn[0] + float(np.diff(turn).max(initial=0.0)) > 2.0 * math.pi - 1e-6:
         # All around: beam k of B looks to -pi + 2 pi k / B, so straight ahead is beam B / 2.
         ahead = float(turn[0]) + math.pi
-    return Log(
+    log = Log(
         name="drive",
         angles=turn - ahead,
         max_range=scanner.max_range,
@@ -187,6 +190,16 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner) -> Log:
         odometry=drives.odometry[run, :n],
         poses=drives.truth[run, :n],
         mount=(float(x[0]), float(y[0]), ahead),
+    )
+    if log.spacing is None:
+        raise _undescribed(scanner, "its beams are not evenly spread")
+    return log
+
+
+def _undescribed(scanner: RangeScanner, why: str) -> InputError:
+    return InputError(
+        f"scanner {scanner.name!r}: {why}, which the log of one laser cannot say; export poses "
+        "alone, without the scanner."
     )
 
 

@@ -206,13 +206,18 @@ class Log:
         """Check that the log's beams are those of a scanner, in the same order.
 
         Raises:
-            InputError: their number differs, or a beam starts or looks elsewhere.
+            InputError: their number differs, or a beam starts or looks elsewhere, up or down.
         """
         where = self.source or f"log {self.name!r}"
         if scanner.beams != self.beams:
             raise InputError(
                 f"{where}: its scans have {self.beams} beams and scanner {scanner.name!r} has "
                 f"{scanner.beams}; make the scanner with the log's own scanner()."
+            )
+        if not scanner.level:
+            raise InputError(
+                f"{where}: its beams are level, and those of scanner {scanner.name!r} look up or "
+                "down; make the scanner with the log's own scanner()."
             )
         mine = self._mounts()
         apart = np.hypot(*(scanner.mounts[:, :2] - mine[:, :2]).T)

@@ -94,7 +94,7 @@ def ratio_text(cell: Cell[Kind]) -> str:
 
 
 def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
-    """Format value and interval: "3.1 [2.0, 4.5]", "-" where there is none.
+    """Format value and interval: "3.1 [2.0, 4.5]", "3.1" without one, "-" without a value.
 
     Args:
         interval: The figure.
@@ -107,6 +107,8 @@ def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
         f"{round(f, digits) + 0.0:{sign}.{digits}f}"
         for f in (interval.value, interval.low, interval.high)
     )
+    if math.isnan(interval.low):
+        return value
     return f"{value} [{low}, {high}]".replace("inf", "∞")
 
 

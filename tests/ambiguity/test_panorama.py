@@ -64,6 +64,7 @@ SCANNERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scanners", "most"),
     [(SCANNERS[0], 20), (SCANNERS[1], 2048), (SCANNERS[2], 30), (SCANNERS[3], 20)],

@@ -86,6 +86,7 @@ def test_laser_whose_beams_are_all_independent(turned: Environment, laser: Range
     assert worst(turned, laser, tau=1.0) < 1e-4
 
 
+@pytest.mark.slow
 def test_coarse_bins(turned: Environment) -> None:
     assert worst(turned, COARSE) < 1e-4
 

@@ -63,6 +63,13 @@ def test_no_hit_and_all_alike_have_no_width() -> None:
     assert str(bootstrap([2.0, 2.0], np.random.default_rng(0), statistic="median")) == "2 [2, 2]"
 
 
+def test_one_run_has_no_interval() -> None:
+    rng = np.random.default_rng(0)
+    for alone in (bootstrap([2.0], rng), paired([2.0], [1.0], rng, compare="ratio")):
+        assert (alone.value, alone.count) == (2.0, 1)
+        assert math.isnan(alone.low) and math.isnan(alone.high)
+
+
 def test_what_a_pair_has_in_common_cancels() -> None:
     rng = np.random.default_rng(5)
     theirs = rng.normal(10.0, 5.0, 40)

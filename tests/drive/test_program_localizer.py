@@ -110,6 +110,7 @@ VARIES = (
 SAYS = 'import json, sys\nfor line in sys.stdin:\n    print(json.dumps({"pose": 1}), flush=True)'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -134,6 +135,7 @@ def test_what_goes_wrong_is_named(tmp_path: Path, text: str, message: str) -> No
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_program_that_does_not_read_blocks_nobody(tmp_path: Path) -> None:
     text = "import time\nfor _ in range(2): input(); print('{}', flush=True)\ntime.sleep(60)"
     localizer = chosen(tmp_path, text, seconds=0.5).make(context(runs=4000))

@@ -64,6 +64,7 @@ def straight(metres: float, step: float, x: float = 1.0, y: float = 5.0) -> Floa
     return np.column_stack([x + along, np.full(len(along), y), np.zeros(len(along))])
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_equals_the_reference(seed: int) -> None:

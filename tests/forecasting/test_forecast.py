@@ -159,6 +159,7 @@ def test_samples_are_an_update_apart() -> None:
         (0.29, "about 1 in 3 robots gets"),
         (0.5, "about half of the robots get"),
         (0.7, "about 7 in 10 robots get"),
+        (0.95, "nearly all robots get"),
         (0.99, "nearly all robots get"),
     ],
 )
@@ -229,6 +230,7 @@ def test_a_route_close_to_a_wall_is_on_the_floor() -> None:
     assert Forecaster(amap)(along).lost_probability < 0.05
 
 
+@pytest.mark.slow
 def test_ensembles_are_of_the_class(demo_map: AmbiguityMap) -> None:
     """Lasers have the likelihood field multiplied, cones what suits them."""
     forecaster = Forecaster(demo_map, "poor")

@@ -69,6 +69,7 @@ def test_ranges_are_those_of_the_scanner(name: str) -> None:
     assert (tables.beam[ray[seen]] == owner[seen]).all()
 
 
+@pytest.mark.slow
 def test_a_laser_is_plain_and_gets_what_any_scanner_would() -> None:
     _, scanner, tables, poses = scene("laser")
     assert tables.plain[0] and not scene("sonar")[2].plain[0]

@@ -200,7 +200,11 @@ def test_bad_input_is_refused() -> None:
         ekf.update([0.0, 0.0, 0.0], np.ones(60))
     with pytest.raises(InputError, match="poses"):
         ekf.start([0.0, math.nan, 0.0], np.eye(3))
+    with pytest.raises(InputError, match=r"covariance has the eigenvalue -0\.01"):
+        ekf.start([1.0, 1.0, 0.0], -0.01 * np.eye(3))
     ekf.start([1.0, 1.0, 0.0], np.eye(3))
+    with pytest.raises(InputError, match="covariance has the eigenvalue -1"):
+        ekf.predicted_covariances(np.zeros((4, 3)), -np.eye(3))
     with pytest.raises(InputError, match="shapes"):
         ekf.update([0.0, 0.0, 0.0], np.ones(59))
     with pytest.raises(InputError, match="map_std"):

@@ -109,6 +109,13 @@ def test_carmen_round_trip_of_few_beams_without_time(tmp_path, beams):
     assert_same(read_carmen(tmp_path / "few.log"), log)
 
 
+def test_exact_odometry_from_elsewhere_is_no_mount(tmp_path):
+    straight = np.column_stack([0.5 * np.arange(5), np.zeros((5, 2))])
+    log = replace(room(5), odometry=straight, poses=straight + np.array([0.3, 0.2, 0.0]))
+    save_carmen(tmp_path / "exact.log", log)
+    assert_same(read_carmen(tmp_path / "exact.log"), log)
+
+
 def test_the_same_log_gives_the_same_bytes(tmp_path):
     for name in ("a.log.gz", "b.log.gz"):
         save_carmen(tmp_path / name, room(3))

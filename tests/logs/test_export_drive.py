@@ -125,23 +125,41 @@ def test_trajectories_and_table(tmp_path, house):
     assert [file.read_bytes() for file in export_drive(drives, RUN, tmp_path)] == before
 
 
+def test_the_log_of_a_laser_upside_down_is_reversed(tmp_path, house):
+    hung = RangeScanner.from_mounts(SENSOR, FAN.mounts[::-1])
+    drives, _ = driven(house, hung, keep_ranges=True)
+    export_drive(drives, RUN, tmp_path, hung)
+    log = read_carmen(tmp_path / "drive.log")
+    log.check_scanner(FAN)
+    np.testing.assert_array_equal(log.ranges, drives.ranges[RUN, : log.scans, ::-1])
+
+
 def test_what_cannot_be_exported(tmp_path, house):
     drives, _ = driven(house, AROUND, keep_ranges=True)
     ring = RangeScanner.ring(SENSOR, AROUND.beams, 0.2)
-    # Beams that go clockwise.
-    back = RangeScanner.from_mounts(SENSOR, AROUND.mounts[::-1])
+    mounts = AROUND.mounts.copy()
+    mounts[3, 2] += 0.02
+    uneven = RangeScanner.from_mounts(SENSOR, mounts)
+    layers = RangeScanner.from_preset("velodyne-vlp-16")
+    of_layers = replace(drives, ranges=np.ones((RUNS, drives.ranges.shape[1], layers.beams)))
     for run, scanner, words in (
         (RUNS, AROUND, f"run is {RUNS}; there are the runs 0 to {RUNS - 1}"),
         (-1, None, "run is -1"),
         (RUN, FAN, "a scan has 36 readings and scanner 'planar scanner' has 45 beams"),
         (RUN, ring, "scanner 'ring': its beams start in several places"),
-        (RUN, back, "not evenly spread"),
+        (RUN, uneven, "not evenly spread"),
     ):
         with pytest.raises(InputError, match=words):
             export_drive(drives, run, tmp_path / "none", scanner)
+    with pytest.raises(InputError, match="its beams look up or down"):
+        export_drive(of_layers, RUN, tmp_path / "none", layers)
+    log = drive_log(drives, RUN, AROUND)
+    log = replace(log, angles=np.zeros(layers.beams), ranges=np.ones((log.scans, layers.beams)))
+    with pytest.raises(InputError, match="its beams are level, and those of"):
+        log.check_scanner(layers)
     bare = replace(drives, ranges=None)
     with pytest.raises(InputError, match="the readings were not kept"):
         export_drive(bare, RUN, tmp_path / "none", AROUND)
-    assert not (tmp_path / "none").exists() or not list((tmp_path / "none").iterdir())
+    assert not (tmp_path / "none").exists()
     with pytest.raises(InputError, match="readings were not kept"):
         drive_log(bare, RUN, AROUND)

@@ -266,6 +266,7 @@ def test_constants_of_callers_compile_a_callee_once() -> None:
     assert len(callee.signatures) == 1
 
 
+@pytest.mark.slow
 def test_machine_code_calls_none_of_another_kernel() -> None:
     @kernel
     def callee(values, depth):

@@ -257,6 +257,7 @@ def test_scanning_in_pieces_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> 
     assert (ring.scan(ROOM, x, 0.0, 0.3) == whole).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plain_rays")
 def test_read_uses_each_sensor_and_gives_inf_for_no_echo() -> None:
     both = RangeScanner.from_mounts([LASER, SONAR], np.zeros((2, 3)), [0, 1])

@@ -212,6 +212,7 @@ def test_a_scanner_and_a_unit_that_are_none_are_a_problem(
     assert "root:" not in answer.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scanner", "message"),
     [

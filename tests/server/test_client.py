@@ -57,6 +57,7 @@ def test_answers_are_the_services_bit_for_bit(
         assert "map" not in vars(client), "none of these needs the map's arrays"
 
 
+@pytest.mark.slow
 def test_a_client_opens_an_edited_map(live: Live) -> None:
     """It is not listed, but has an id like any other."""
     made = live.http.post("/v1/maps/map/edits", json=post_at(1.0)).json()
@@ -232,6 +233,7 @@ def _number(value: float) -> bytes:
     return head.encode() + body
 
 
+@pytest.mark.slow
 def test_a_client_waits_for_a_busy_server_as_long_as_it_asks() -> None:
     with answering(MAPS, BUSY, b"", _number(2.5)) as url, an.Client(url) as client:
         begun = time.monotonic()
@@ -244,6 +246,7 @@ def test_a_client_waits_for_a_busy_server_as_long_as_it_asks() -> None:
         assert time.monotonic() - begun < 0.9  # the server's second would be too long
 
 
+@pytest.mark.slow
 def test_a_client_finds_a_server_that_was_started_again(
     plan_map: Path, turning: an.AmbiguityMap
 ) -> None:

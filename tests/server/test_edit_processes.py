@@ -83,6 +83,7 @@ def test_who_waits_for_a_process_when_the_server_ends_is_only_cancelled() -> Non
     assert isinstance(asyncio.run(outcome()), asyncio.CancelledError)
 
 
+@pytest.mark.slow
 def test_an_edit_that_is_left_while_its_answer_is_read_keeps_its_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -186,6 +186,7 @@ def _sends_a_part(line: Any) -> None:
     line.recv()
 
 
+@pytest.mark.slow
 def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
     async def interrupted() -> None:
         worker = await started(_sends_a_part)

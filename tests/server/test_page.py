@@ -328,6 +328,7 @@ def test_seconds_of_a_plan_are_seen_but_not_read_out(page):
     assert shown == ["Planning 1 s", "Planning"]
 
 
+@pytest.mark.slow
 def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
     pytest.importorskip("ambinav_planners.registry")
     page.get_by_role("tab", name="Routes").click()
@@ -370,6 +371,7 @@ def test_a_token_is_taken_from_the_address_and_sent(chromium, plan_map: Path):
         context.close()
 
 
+@pytest.mark.slow
 def test_two_scanners_are_compared_with_a_slider(
     chromium: Any, plan_map: Path, turning: an.AmbiguityMap
 ) -> None:

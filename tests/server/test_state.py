@@ -254,7 +254,10 @@ def test_a_map_is_named_by_its_digest(
     known = live.http.get(f"{path}/map.npz", headers={"if-none-match": f'"{digest}"'})
     assert (known.status_code, known.content) == (304, b"")
     at = {"x": 1.0, "y": 1.0}
-    for tag, status in ((f'"{digest}"', 200), ('"other"', 412)):
+    for tag, status in (
+        (f'"{digest}"', 200), (f'"other", "{digest}"', 200), ("*", 200),
+        ('"other"', 412), (f'W/"{digest}"', 412),
+    ):  # fmt: skip
         headers = {"if-match": tag}
         assert live.http.get(f"{path}/cost", params=at, headers=headers).status_code == status
     digests = {entry["digest"] for entry in live.get("/v1/maps")["maps"]}

@@ -268,6 +268,7 @@ def test_keeping_stops_when_it_is_told_to(stored: Path, coarse: int) -> None:
     assert sorted(path.name for path in stored.parent.iterdir()) == ["map.zarr"]
 
 
+@pytest.mark.slow
 def test_of_two_that_would_keep_a_pyramid_one_does(stored: Path, coarse: int) -> None:
     key = pyramid_store.key_of(stored)
     assert key is not None

@@ -265,6 +265,7 @@ def test_a_sensor_is_listed(user: User) -> None:
     assert "beams: 24" in user("ambinav", "presets", "stranger-lidar")
 
 
+@pytest.mark.slow
 def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
     groups = json.loads(run(folder, "-m", "ambinav.cli", "plugins", "--json"))
     project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]

@@ -103,16 +103,16 @@ def _write(
     exporter: Exporter, amap: AmbiguityMap, options: ExportOptions, path: Path
 ) -> tuple[Path, ...]:
     if exporter.subject == "map":
-        return exporter.write(MapExport(amap, options), path)
+        return exporter.written(MapExport(amap, options), path)
     if exporter.subject == "route":
-        return exporter.write(only_route(amap, options.routes, exporter.name), path)
+        return exporter.written(only_route(amap, options.routes, exporter.name), path)
     if len(options.drives) != 1:
         raise InputError(
             f"--drive is given {len(options.drives)} times, and {exporter.name} is of one drive; "
             "give the drive.csv of a comparison's `exports`."
         )
     path.mkdir()
-    return exporter.write(drive_on(amap, options.drives[0]), path)
+    return exporter.written(drive_on(amap, options.drives[0]), path)
 
 
 def _check_replaceable(names: Sequence[Path]) -> None:

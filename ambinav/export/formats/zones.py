@@ -64,7 +64,8 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
     xx, xy, yy, tt = (mean(np.nan_to_num(grid[k]), labels, number) for k in (0, 1, 3, 5))
     result = []
     for polygon in raster.outline(mask).geoms:
-        if polygon.area < least_area:
+        # An area of whole cells is as many times theirs but for rounding.
+        if polygon.area < least_area * (1.0 - 1e-9):
             continue
         point = polygon.representative_point()
         column = int((point.x - raster.x) / raster.resolution)
@@ -124,7 +125,7 @@ def figures(piece: Piece) -> dict[str, float]:
         "std_along_m": round(major, 4),
         "std_across_m": round(minor, 4),
         "std_heading_rad": round(piece.heading_std, 5),
-        "weak_direction_deg": round(math.degrees(direction), 1),
+        "weak_direction_deg": round(math.degrees(direction), 1) % 180.0,
     }
 
 

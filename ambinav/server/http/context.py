@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
+from ambinav.server.http.etag import matches
 from ambinav.server.jobs.audit_jobs import Audits
 from ambinav.server.jobs.edit_sessions import EditedMap, Edits
 from ambinav.server.jobs.plan_archive import PlanJobs
@@ -129,7 +130,9 @@ class Context:
         """
         served = await self._map_of(id)
         wanted = request.headers.get("if-match")
-        if wanted is not None and wanted != f'"{await self.in_thread(digest_of_map, served)}"':
+        if wanted is not None and not matches(
+            wanted, f'"{await self.in_thread(digest_of_map, served)}"'
+        ):
             raise Problem(
                 412, f"The map {served.name!r} is not the one of If-Match; fetch it again."
             )

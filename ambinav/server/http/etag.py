@@ -10,5 +10,15 @@ def is_known(request: Request, tag: str) -> bool:
     given = request.headers.get("if-none-match")
     if given is None:
         return False
-    named = {part.strip().removeprefix("W/") for part in given.split(",")}
+    named = {part.removeprefix("W/") for part in _tags(given)}
     return "*" in named or tag.removeprefix("W/") in named
+
+
+def matches(wanted: str, tag: str) -> bool:
+    """Return whether an `If-Match` names an entity tag (RFC 9110, 13.1.1: compared strongly)."""
+    named = _tags(wanted)
+    return "*" in named or tag in named
+
+
+def _tags(header: str) -> set[str]:
+    return {part.strip() for part in header.split(",")}

@@ -31,7 +31,7 @@ def actions(report: Document) -> tuple[Action, ...]:
             Action(
                 "Drive more runs",
                 f"{runs} runs leave some differences open. With drive.runs at {4 * runs} the "
-                "intervals are about half as wide; finished runs are kept.",
+                "intervals are about half as wide; whole tens of finished runs are kept.",
             )
         )
     actions.append(

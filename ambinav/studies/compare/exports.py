@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +42,7 @@ def export_all(
     """Write the drives requested by the scenario, one folder for each route.
 
     The drives are made once more, with their readings; they are the same. Folders that hold just
-    what is asked for are left as they are.
+    what is asked for are left as they are; those of an earlier scenario are removed.
 
     Args:
         setup: The scenario with its worlds.
@@ -66,6 +67,9 @@ def export_all(
             pieces.append(piece)
     for _ in in_workers(setup, _export, pieces, jobs):
         pass
+    for older in folder.iterdir() if folder.is_dir() else ():
+        if older.name not in written and (older / ABOUT).is_file():
+            shutil.rmtree(older)
     return tuple(written)
 
 
@@ -95,13 +99,13 @@ def _export(setup: Setup, piece: Piece) -> None:
 
 
 def _about(piece: Piece, exports: ExportsPart) -> dict[str, Any]:
-    about: dict[str, Any] = {
+    return {
         "pair": piece.plan.pair,
         "route": piece.plan.name,
         "runs": [number + 1 for number in exports.numbers],
         "keys": [item.key for item in piece.items],
+        "formats": None if exports.formats is None else list(exports.formats),
     }
-    return about if exports.formats is None else about | {"formats": list(exports.formats)}
 
 
 def _is_there(piece: Piece, exports: ExportsPart) -> bool:

@@ -117,7 +117,9 @@ def _scales(panels: dict[str, Axes], length: Axes, rows: Sequence[Row]) -> None:
             panels[key].set_xticks(range(0, 101, 25))
             panels[key].set_xlabel(label)
     error = panels["error_p95"]
-    ends = [row["error_p95"].value.high for row in rows]
+    ends = [
+        end for row in rows for end in (row["error_p95"].value.value, row["error_p95"].value.high)
+    ]
     error.set_xlim(0.0, 1.06 * max((end for end in ends if end > 0.0), default=1.0))
     error.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     error.set_xlabel("95 % of error below (m)" if len(panels) > 2 else f"{ERROR} (m)")

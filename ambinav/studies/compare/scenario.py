@@ -97,6 +97,9 @@ class Scenario(BuildingPart):
                 raise InputError(f"pairs: {name!r} has no route; add one, or drop the pair")
 
     def _check_exports(self) -> None:
+        runs = self.exports.runs
+        if isinstance(runs, int) and runs < 0:
+            raise InputError(f"exports: runs is {runs}; give how many of each route, 0 or more")
         for number in self.exports.numbers:
             if not 0 <= number < self.drive.runs:
                 raise InputError(

@@ -183,7 +183,7 @@ def _interval(interval: Interval, scale: float, digits: int) -> str:
     value, low, high = (
         _signed(scale * f, digits) for f in (interval.value, interval.low, interval.high)
     )
-    return f"{value} [{low}, {high}]"
+    return value if math.isnan(interval.low) else f"{value} [{low}, {high}]"
 
 
 def _signed(value: float, digits: int) -> str:

@@ -20,6 +20,10 @@ LEAST: Final = 0.01
 """Square metres by which bad floor must change to be worse or better: documents are rounded."""
 
 
+NOTHING: Final = "because no site has figures in both; check that names and scanners are the same"
+"""Why there is no change of bad floor."""
+
+
 class SiteChange(Part):
     """A site and scanner whose figures differ."""
 
@@ -43,6 +47,7 @@ class FleetDifference(Part):
     before: str
     after: str
     same: int = Field(description="number of results with the same figures")
+    compared: int = Field(description="number of results with figures in both")
     changes: tuple[SiteChange, ...] = Field(description="the largest change first")
 
 
@@ -85,6 +90,9 @@ def fleet_difference(
     ]
     changes.sort(key=lambda change: -abs(change.change_m2 or 0.0))
     same = len({*old, *new}) - len(changes)
+    compared = sum(
+        old[key].bad_m2 is not None and new[key].bad_m2 is not None for key in old.keys() & new
+    )
     counts = {kind: sum(each.change == kind for each in changes) for kind in get_args(Change)}
     parts = [f"{count} {kind}" for kind, count in counts.items() if count]
     sentences = [f"{', '.join(parts) or 'No changes'}; {same} the same."]
@@ -96,7 +104,7 @@ def fleet_difference(
             sentences.append(f"{name} is not the same: {values[0]} and {values[1]}.")
     return FleetDifference(
         summary=" ".join(sentences), before=places[0], after=places[1], same=same,
-        changes=tuple(changes),
+        compared=compared, changes=tuple(changes),
     )  # fmt: skip
 
 
@@ -135,8 +143,10 @@ def _signed(area: float) -> str:
     return f"{'-' if area < 0.0 else '+'}{metres2(abs(area))}"
 
 
-def _worst(report: FleetDifference) -> float:
-    return max((each.change_m2 for each in report.changes if each.change_m2 is not None), default=0)
+def _worst(report: FleetDifference) -> float | None:
+    rises = [each.change_m2 for each in report.changes if each.change_m2 is not None]
+    # What has not changed at all is no change of the report.
+    return max([*rises, 0.0][: report.compared], default=None)
 
 
 def _where(kind: str) -> Callable[[FleetDifference], str]:
@@ -157,11 +167,12 @@ def _count(kind: str, meaning: str) -> Quantity:
 QUANTITIES: Final[Quantities] = catalogue(
     Quantity(
         "bad change", "m²", "largest rise of the bad floor at a site; negative if all fall",
-        _worst, _where("worse"), least=-float("inf"),
+        _worst, _where("worse"), NOTHING, least=-float("inf"),
     ),
     Quantity(
         "total bad change", "m²", "bad floor of all sites in both, after minus before",
-        lambda report: _total(report.changes), _where("worse"), least=-float("inf"),
+        lambda report: _total(report.changes) if report.compared else None,
+        _where("worse"), NOTHING, least=-float("inf"),
     ),
     _count("worse", "with more bad floor"),
     _count("failed", "that failed in B and not in A"),

@@ -69,9 +69,7 @@ class Site:
     def moment(self) -> str:
         """Its date, or else when its file was written, as RFC 3339 in UTC; empty: not known."""
         if self.date:
-            given = datetime.fromisoformat(self.date)
-            given = given.replace(tzinfo=UTC) if given.tzinfo is None else given.astimezone(UTC)
-            return given.strftime("%Y-%m-%dT%H:%M:%SZ")
+            return _stamp(in_utc(self.date))
         home, name = self.home
         try:
             if home.folder is not None:
@@ -82,7 +80,17 @@ class Site:
         # Whatever a file system raises: each has errors of its own.
         except Exception:
             return ""
-        return written.strftime("%Y-%m-%dT%H:%M:%SZ")
+        return _stamp(written)
+
+
+def in_utc(date: str) -> datetime:
+    """Return an ISO 8601 date in UTC, the zone of one that names none; errors as of Python."""
+    given = datetime.fromisoformat(date)
+    return given.replace(tzinfo=UTC) if given.tzinfo is None else given.astimezone(UTC)
+
+
+def _stamp(moment: datetime) -> str:
+    return moment.replace(tzinfo=None).isoformat(timespec="seconds") + "Z"
 
 
 def parsed(content: bytes | None) -> Any:

@@ -7,7 +7,6 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from pathlib import PurePosixPath
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from ambinav.config.numbers import nearest
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import MAP, kind_of
-from ambinav.studies.fleet.site import LONGEST, Site, parsed
+from ambinav.studies.fleet.site import LONGEST, Site, in_utc, parsed
 
 READING: Final = ("level", "unit", "height", "doors", "glass")
 """Columns that are options on reading the building, see `load_environment`."""
@@ -87,6 +86,8 @@ def _from_table(address: Address) -> Iterator[Site]:
     for column in columns:
         if column not in COLUMNS:
             raise InputError(f"{address}: column {column!r}: {nearest(column, COLUMNS)}.")
+        if columns.count(column) > 1:
+            raise InputError(f"{address}: the column {column} is there twice; leave one.")
     for column in COLUMNS[:2]:
         if column not in columns:
             raise InputError(
@@ -123,8 +124,8 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
     date = values.get("date", "")
     if date:
         try:
-            datetime.fromisoformat(date)
-        except ValueError:
+            in_utc(date)
+        except (ValueError, OverflowError):
             raise InputError(
                 f"{where}: date {date!r} is no ISO 8601 date; give e.g. 2026-05-31."
             ) from None

@@ -180,6 +180,7 @@ def test_recorded_buildings(data_dir: Path, name: str) -> None:
     assert mesh.open_edges > 0
 
 
+@pytest.mark.slow
 def test_the_planar_slice_of_a_recorded_building_returns_what_the_mesh_does(data_dir: Path) -> None:
     pytest.importorskip("embreex", reason="embreex is not installed")
     z, reach = 0.31, 12.0

@@ -198,6 +198,7 @@ def gate_on(audited: Audit, *texts: str) -> GateCheck:
     return GateCheck([parse_condition(text, QUANTITIES) for text in texts], audited)
 
 
+@pytest.mark.slow
 def test_a_gate_is_judged_on_the_report(looking_ahead: Audit) -> None:
     """Also where its figures do not follow from the areas of the zones."""
     report = document(looking_ahead)

@@ -160,6 +160,15 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     kept = (folder / "truth.tum").stat().st_mtime_ns
     assert compare(path, out, "--trust").exit_code == 0
     assert (folder / "truth.tum").stat().st_mtime_ns == kept
+    # What is asked for now is there, and nothing else.
+    of_tum = {"truth.tum", "estimate.tum", "odometry.tum"}
+    for exports, wanted in (({"formats": ["tum"]}, of_tum), ({}, names)):
+        write(tmp_path, scenario | {"exports": scenario["exports"] | exports})
+        assert compare(path, out, "--trust").exit_code == 0
+        assert {file.name for file in folder.iterdir()} == wanted
+    write(tmp_path, scenario | {"exports": {}})
+    assert compare(path, out, "--trust").exit_code == 0
+    assert not list((out / "drives").iterdir())
 
 
 @pytest.mark.slow

@@ -219,6 +219,10 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         lambda p: p.update(exports={"runs": 13}),
         "exports: there is no run 13; runs are counted from 1 to 12",
     ),
+    "fewer than no runs": (
+        lambda p: p.update(exports={"runs": -3}),
+        "exports: runs is -3; give how many of each route, 0 or more",
+    ),
     "run 0": (lambda p: p.update(exports={"runs": [0]}), "exports: there is no run 0"),
     "exported route": (
         lambda p: p.update(exports={"runs": 1, "routes": ["shortst"]}),

@@ -206,6 +206,7 @@ def test_gains_are_told_in_square_metres(helped: Remedy) -> None:
     assert (report.gains.largest.without, report.gains.largest.beside) == (0.0004, 1.5)
 
 
+@pytest.mark.slow
 def test_a_route_is_kept_clear() -> None:
     route = route_through([(1.0, 3.5), (8.0, 3.5)])
     found = find(2, regions=[Region.of_route(route)])
@@ -216,6 +217,7 @@ def test_a_route_is_kept_clear() -> None:
         assert one.obstacle.outline.distance(shapely.LineString(route.poses[:, :2])) >= PASSAGE / 2
 
 
+@pytest.mark.slow
 def test_reflectors_help_who_reads_intensities() -> None:
     from ambinav.sensing.intensity import Intensity
 
@@ -246,6 +248,7 @@ def test_regions_without_floor_that_counts() -> None:
         find(1, scanner=laser(max_range=30.0), regions=[Region.of_polygon(shapely.box(3, 3, 5, 5))])
 
 
+@pytest.mark.slow
 def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
     few = helped.trials.among(helped.trials.order[:2].tolist())
     placed = place(without(helped), few, 3, math.inf)

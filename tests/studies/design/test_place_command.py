@@ -93,6 +93,7 @@ def test_a_report_is_written_and_read_again(folder) -> None:
     assert run("--posts", "1", "-o", "mine").exit_code == 2
 
 
+@pytest.mark.slow
 def test_json_is_the_report_alone(folder) -> None:
     result = run("--panels", "1", "--candidates", "4", "--free-standing", "--json")
     assert result.exit_code == 0, result.output
@@ -103,6 +104,7 @@ def test_json_is_the_report_alone(folder) -> None:
     assert one.direction_deg is not None
 
 
+@pytest.mark.slow
 def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
     (folder / "lane.wkt").write_text("POLYGON ((0 2, 8 2, 8 4, 0 4, 0 2))")
     asked = ("--posts", "2", "--candidates", "6", "--keep-out", "lane.wkt", "--aged", "2")

@@ -86,6 +86,7 @@ def test_search_comes_near_the_best_of_all_subsets(seed: int) -> None:
     assert worth(found) >= 0.95 * best > 0.0
 
 
+@pytest.mark.slow
 def test_floor_that_sees_enough_is_that_of_straight_lines() -> None:
     layout = planned(5)
     assert len(layout.steps) == 5
@@ -111,6 +112,7 @@ def test_floor_that_sees_enough_is_that_of_straight_lines() -> None:
     assert layout.after.floor == pytest.approx(len(places) * area)
 
 
+@pytest.mark.slow
 def test_more_reflectors_serve_more_floor_and_come_in_order() -> None:
     few, many = planned(4), planned(10)
     assert many.after.good > few.after.good > few.before.good == 0.0
@@ -122,6 +124,7 @@ def test_more_reflectors_serve_more_floor_and_come_in_order() -> None:
     assert many.after.std < RULES.max_std
 
 
+@pytest.mark.slow
 def test_present_reflectors_count_and_nothing_is_added_to_a_good_layout() -> None:
     first = planned(10)
     again = planned(0, first.edited())
@@ -156,6 +159,7 @@ HALL = {
 }
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_layout_that_is_read_again(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     building = {"type": "FeatureCollection", "features": [HALL]}

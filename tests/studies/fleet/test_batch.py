@@ -42,6 +42,7 @@ def test_every_unit_is_in_one_part(names: list[str], count: int) -> None:
     assert [Batch(k + 1, count).of(units[::-1]) for k in range(count)] == parts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["folder", "bucket"])
 def test_the_last_command_reads_what_the_parts_made(
     sites: Path, tmp_path: Path, place: str

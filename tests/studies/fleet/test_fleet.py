@@ -88,6 +88,7 @@ def test_order_and_place_change_no_byte(sites: Path, tmp_path: Path) -> None:
         system.rm("/fleet-out", recursive=True)
 
 
+@pytest.mark.slow
 def test_only_what_is_missing_changed_or_damaged_is_made(sites: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert audited(sites, out).made == 6

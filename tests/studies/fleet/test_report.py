@@ -102,6 +102,8 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert 'tests="1" failures="0" errors="1"' in (tmp_path / "j.xml").read_text()
     assert unknown.exit_code == 2 and "cannot be checked at 2 of 6, broken" in unknown.stderr
     assert "passed" not in unknown.output
+    both = audit(sites, out, "--fail-if", "bad > 50 %", "--fail-if", "bad > 99.9 %")
+    assert both.exit_code == 3 and "cannot be checked at 2 of 6, broken" in both.stderr
     (sites / "broken.wkt").unlink()
     assert audit(sites, out, "--fail-if", "bad > 99.9 %").exit_code == 0
     least = audit(sites, out, "--fail-if", "counted area < 10 m2")
@@ -153,5 +155,13 @@ def test_a_difference_lists_what_became_of_each_site(sites: Path, tmp_path: Path
     assert rise == pytest.approx(change["change_m2"]) and rise > 10.0
     gate = run("diff", first, second, "--fail-if", "bad change > 1 m2")
     assert gate.exit_code == 3 and "(rplidar-a1), north/corridor (turtlebot3-lds)" in gate.stdout
+    for words in (("--fail-if", "bad change < 0 m2"), ("--fail-if", "total bad change < 0 m2")):
+        assert run("diff", second, second, *words).exit_code == 0
+    (second / "fleet.json").write_text(
+        json.dumps(json.loads((second / "fleet.json").read_text()) | {"figures": []})
+    )
+    for figure in ("bad change", "total bad change"):
+        lacking = run("diff", first, second, "--fail-if", f"{figure} > 1 m2")
+        assert lacking.exit_code == 2 and "no site has figures in both" in lacking.stderr
     none = run("diff", tmp_path, second)
     assert none.exit_code == 2 and "there is no fleet.json" in none.stderr

@@ -56,6 +56,8 @@ def test_a_table_gives_files_beside_it_and_options(tmp_path: Path) -> None:
         ("site,building\na\n", "line 2: it has not 2 values"),
         ("site,building,height\na,a.wkt,low\n", "height 'low' is no number"),
         ("site,building,date\na,a.wkt,May\n", "date 'May' is no ISO 8601 date"),
+        ("site,building,date\na,a.wkt,0001-01-01T00:00+14:00\n", "is no ISO 8601 date"),
+        ("site,building,site\na,a.wkt,b\n", "the column site is there twice"),
     ],
 )
 def test_what_is_wrong_in_a_table_is_said(tmp_path: Path, text: str, said: str) -> None:

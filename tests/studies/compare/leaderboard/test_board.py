@@ -64,6 +64,7 @@ def small(environment: Environment, **changed: Any) -> Board:
     return Board(**{**values, **changed})
 
 
+@pytest.mark.slow
 def test_what_is_written(tmp_path: Path) -> None:
     board = small(room())
     rows = benchmark(board, tmp_path / "out")

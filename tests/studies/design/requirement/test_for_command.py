@@ -41,6 +41,7 @@ def run(*arguments: str):
     return CliRunner().invoke(app, ["design", "for", *ASKED, *arguments])
 
 
+@pytest.mark.slow
 def test_a_report_is_written(folder) -> None:
     result = run("bad < 50 %", "--may", "posts=4", "--candidates", "8", "-o", "out")
     assert result.exit_code == 0, result.output
@@ -69,6 +70,7 @@ def test_a_report_is_written(folder) -> None:
         assert len(picture.convert("RGB").resize((80, 40)).getcolors(3200) or ()) > 5
 
 
+@pytest.mark.slow
 def test_a_report_on_lost_robots_is_written(folder) -> None:
     (folder / "longer.yaml").write_text(LASER.replace("2.5", "6").replace("bench", "longer"))
     (folder / "costs.yaml").write_text("{post: 40, scanner: {longer.yaml: 90}}")

@@ -104,6 +104,7 @@ def test_it_is_as_cheap_as_the_best_of_all_subsets(longer, every_subset, limit) 
         assert share_of_bad(built(HALL, hardware.scanner), full, edited) < limit / 100
 
 
+@pytest.mark.slow
 def test_steps_are_full_maps_with_rising_cost(longer) -> None:
     found = solve(longer, "bad < 35 %", "posts=3")
     assert found.met
@@ -121,6 +122,7 @@ def test_steps_are_full_maps_with_rising_cost(longer) -> None:
         assert step.after.state.cost == 40.0 * number
 
 
+@pytest.mark.slow
 def test_what_gains_more_for_its_cost_comes_first(longer) -> None:
     found = solve(longer, "bad < 28 %")
     hardware = found.after.state.hardware
@@ -143,6 +145,7 @@ def test_nothing_is_done_where_it_holds_already(longer) -> None:
     assert "nothing to do" in document(found).summary
 
 
+@pytest.mark.slow
 def test_where_it_cannot_be_met_the_best_is_given(longer) -> None:
     found = solve(longer, "bad < 0.5 %", "posts=2")
     assert found.met is False
@@ -151,6 +154,7 @@ def test_where_it_cannot_be_met_the_best_is_given(longer) -> None:
     assert "cannot be met" in document(found).summary
 
 
+@pytest.mark.slow
 def test_what_an_audit_alone_misses_is_said(longer) -> None:
     """The floor that counts is that without obstacles, and an audit counts the rest anew."""
     best = document(solve(longer, "bad < 0.5 %", "posts=3"))
@@ -182,6 +186,7 @@ def test_a_laxer_requirement_never_costs_more(longer) -> None:
     assert (np.diff(costs) >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_ten_times_the_prices_choose_the_same_set(longer) -> None:
     once = solve(longer, "bad < 30 %", "posts=3,panels=2")
     tenfold = solve(longer, "bad < 30 %", "posts=3,panels=2", scale=10.0)
@@ -191,6 +196,7 @@ def test_ten_times_the_prices_choose_the_same_set(longer) -> None:
     assert len(drawn[0]) > 0
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(longer) -> None:
     first, second = (document(solve(longer, "bad < 35 %")).model_dump_json() for _ in range(2))
     assert first == second

@@ -118,6 +118,7 @@ def test_weights_lie_beside_trips_that_lose_robots() -> None:
     assert weight.max() == pytest.approx(losses.lost[0] * amap.cell_area)
 
 
+@pytest.mark.slow
 def test_the_solution_is_forecast_and_driven_as_it_says() -> None:
     solution = solve("lost < 10 %")
     assert solution.met
@@ -164,6 +165,7 @@ def test_it_is_nearly_as_cheap_as_the_best_of_all_subsets() -> None:
         assert solution.cost <= 40.0 * (least + 1)
 
 
+@pytest.mark.slow
 def test_drives_that_do_not_confirm_it_are_said() -> None:
     # What posts tell in a bare hall is overrated by the forecast: drives are the judge.
     solution = solve("lost < 2 %")
@@ -180,6 +182,7 @@ def test_limits_from_the_least_on_can_be_confirmed() -> None:
     assert 0.9 * LEAST_LOST < 100.0 * share(np.zeros(RUNS), half).high < LEAST_LOST
 
 
+@pytest.mark.slow
 def test_obstacles_keep_off_the_ends_of_trips() -> None:
     # The candidate at (9.09, 3.03) would stand on the place.
     middle = Trip("west", "middle", TRIP.start_at, (9.1, 3.3))
@@ -222,6 +225,7 @@ def test_a_trip_without_a_route_is_refused() -> None:
         trips_of(Trip("dock", "east", (-1.0, 4.0), (14.5, 4.0)))
 
 
+@pytest.mark.slow
 def test_obstacles_that_close_a_trip_are_not_used(monkeypatch) -> None:
     trips, wall = trips_of(), an.Obstacle.panel(8.0, 0.0, 8.0, 8.0)
     closed = HALL.edited(add=[wall])

@@ -153,6 +153,7 @@ def test_a_part_of_a_rig_is_varied(folder: Path) -> None:
     assert "has 2 parts; name the one to vary: 1 (left), 2 (sonar)" in refused.stderr
 
 
+@pytest.mark.slow
 def test_a_plan_with_a_height(folder: Path) -> None:
     space = ("--extrude", "2.5", "--scanner-height", "0.4")
     vary = ("--vary", "pitch=0,-15", "--vary", "height=0.4,0.8", "--places", "30")

@@ -87,6 +87,7 @@ def test_along_a_route_too() -> None:
 # -- each setting is the map of its scanner ----------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["prisms", "mesh"])
 @pytest.mark.parametrize(
     ("scanner", "vary", "part"),
@@ -106,6 +107,7 @@ def test_settings_in_a_furnished_room(
     check_against_maps(env, found)
 
 
+@pytest.mark.slow
 def test_settings_along_a_route() -> None:
     _, mesh = furnished()
     route = Region.of_route(an.Route.through([[1.0, 1.5], [5.0, 1.3], [5.3, 2.3]]))

@@ -70,6 +70,7 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
         assert words.summary.startswith("Of 9 settings of fan in scene")
 
 
+@pytest.mark.slow
 def test_fewer_beams_are_best_for_a_reason_that_is_given() -> None:
     reasons = set[str]()
     criteria: tuple[Criterion, ...] = "mean", "p95", "bad"
