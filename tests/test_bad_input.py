@@ -136,6 +136,8 @@ CASES = {
     "no such plan": case(("audit", "no.geojson", *FROM_PLAN[2:]), nothing, "no.geojson"),
     "a folder for a map": case(("map", "sub.yaml", *FROM_MAP[2:]),
                                lambda f: (f / "sub.yaml").mkdir(), "sub.yaml"),
+    "a folder with a map": case(("map", "sub", *FROM_MAP[2:]), lambda f: (f / "sub").mkdir(),
+                                "sub", "folder"),
     "yaml broken": case(FROM_MAP, text("map.yaml", "image: [map.pgm\nresolution: :"),
                         "map.yaml", "YAML"),
     "yaml empty": case(FROM_MAP, text("map.yaml", ""), "map.yaml", "empty"),

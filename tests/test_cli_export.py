@@ -97,6 +97,7 @@ def test_help_has_an_example(runner: CliRunner) -> None:
             "--layer is for --threshold",
         ),
         (("--to", "nav2-speed", "-o", "m.yaml", "--slowest", "120"), "give a number from 0 to 100"),
+        (("--to", "nav2-speed", "-o", "m.yaml", "--slowest", "0.3"), "give percent, e.g. 30"),
         (("--to", "nav2-speed", "-o", "m.yaml", "--max-speed", "nan"), "nan is not finite"),
         (("--to", "nav2-speed", "-o", "m.yaml", "--layer", "clearance"), "a mask needs 0 to 1"),
         (("--to", "map-server", "-o", "m.yaml", "--resolution", "0"), "0 is not above zero"),

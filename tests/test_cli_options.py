@@ -43,6 +43,29 @@ class Box(Size):
     label: str = "A"
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--edge", "0,5"), "'0,5' is not a number; leave units and % out"),
+        (("--edge", "5%"), "'5%' is not a number"),
+        (("--count", "1.5"), "'1.5' is not a whole number; give one, such as 12."),
+        (("--at", "1", "2m"), "'2m' is not a number"),
+        (("--edge", "1e-3", "--count", "1e3", "--at", "-1", "2"), "0.001 1000 (-1.0, 2.0)"),
+    ],
+)
+def test_numbers(given: tuple[str, ...], said: str) -> None:
+    small = typer.Typer()
+
+    @small.command()
+    @documented
+    def show(edge: float = 1.0, count: int | None = None, at: tuple[float, float] = (0, 0)) -> None:
+        """Show numbers."""
+        typer.echo(f"{edge} {count} {at}")
+
+    result = CliRunner().invoke(small, given, env={"COLUMNS": "200"})
+    assert said in result.output
+
+
 def test_fields_are_options_that_the_docstrings_describe() -> None:
     small = typer.Typer()
 

@@ -50,8 +50,8 @@ def flight_levels(
         An environment a height.
 
     Raises:
-        InputError: the building is a plan, the robot would touch the floor or the ceiling, or
-            nothing can be reached at a height.
+        InputError: the building is a plan, the heights do not rise, the robot would touch the
+            floor or the ceiling, or nothing can be reached at a height.
     """
     space = env.space
     if space is None:
@@ -59,6 +59,8 @@ def flight_levels(
             f"{env.name}: it is a plan, without heights; give a building in space, in Python "
             "environment.in_space(extruded(environment, height))."
         )
+    if not len(heights) or any(upper <= lower for lower, upper in pairwise(heights)):
+        raise InputError(f"heights is {list(heights)}; give one or more, each above the last.")
     ceiling = space.ceiling if isinstance(space, Prisms) else np.inf
     for z in heights:
         if not env.floor + radius < z < ceiling - radius:

@@ -70,6 +70,7 @@ def read(path: str | Path, **options: Any) -> Environment:
     refuse_image(path)
     if path.is_dir():
         refuse(f"{path}", kind_of_path(path), "a building")
+        raise InputError(f"{path}: this is a folder; name the file of the building in it.")
     suffix = path.suffix.lower().removeprefix(".")
     known = MAP_READERS.names()
     if suffix not in known:

@@ -189,14 +189,16 @@ def _nearest_face(px, py, pz, ux, uy, slope, reach, xy, start, circle, z, solid)
                 continue
             along = (ax * ey - ay * ex) / cross
             share = (ax * uy - ay * ux) / cross
+            # A point is above the outline if the ray crosses that an odd number of times after it;
+            # where it only touches a corner, both edges there must count, or none.
+            bx, by = xy[e, 2] - px, xy[e, 3] - py
+            if (ux * ay - uy * ax >= 0.0) != (ux * by - uy * bx >= 0.0):
+                over_bottom ^= along > bottom
+                over_top ^= along > top
             if not 0.0 <= share <= 1.0:
                 continue
             if 0.0 <= along < best and z[k, 0] <= pz + slope * along <= z[k, 1]:
                 best, nearest = along, e
-            if share < 1.0:
-                # A point is above the outline if the ray crosses that an odd number of times after.
-                over_bottom ^= along > bottom
-                over_top ^= along > top
         if solid[k] and over_bottom and 0.0 <= bottom < best:
             best, nearest = bottom, xy.shape[0] + 2 * k
         if solid[k] and over_top and 0.0 <= top < best:

@@ -26,6 +26,8 @@ def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
         InputError: it ends in something else.
     """
     if path.suffix.lower() not in suffixes:
+        if path.is_dir():
+            raise InputError(f"{name}: {path} is a folder; name a file in it.")
         raise InputError(
             f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
             f"{', '.join(suffixes)}."

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+import json
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ from ambinav.cli.running import (
     above_zero,
     at_least,
     check_report,
+    note,
     progress_bars,
     reporting,
 )
@@ -27,6 +29,9 @@ from ambinav.runtime.input_suggestions import STORE, kind_of_path
 if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.studies.diff.document import Document
+
+AS_MADE = {"spacing": "--spacing", "radius": "--ambiguity-radius", "headings": "--headings"}
+"""What a building takes from the map that it is compared with."""
 
 _MAP = "An ambiguity map, a folder or a URL, or with --scanner a building."
 
@@ -52,7 +57,7 @@ def diff(
     """Report what changed from A to B: zones, level, walls, parameters.
 
     A and B are maps, or buildings whose maps are built first, in the same map frame. The options on
-    building and map are for buildings.
+    building and map are for buildings; beside a map, its own cells, radius and headings are taken.
 
     Example: `ambinav diff before.zarr after.zarr -o changes --fail-if "new open area > 1 m2"`
 
@@ -80,6 +85,9 @@ def diff(
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
             _refuse_building_options(building, making, space)
+        for place, other in ((first, second), (second, first)):
+            if _is_map(place) and not _is_map(other):
+                making = _as_made(place, making)
         with progress_bars(as_json) as bars:
             amaps = [
                 _open(path, named, building, making, space, bars(f"map {letter}"))
@@ -141,6 +149,28 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
                     f"--{name.replace('_', '-')}: this is for buildings, but A and B are "
                     "maps that are made already; leave it out."
                 )
+
+
+def _as_made(place: str, making: MapOptions) -> MapOptions:
+    """Return the options of a map for a building that is compared with it, where none is given.
+
+    Raises:
+        InputError: the map cannot be read.
+    """
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+
+    made = json.loads(AmbiguityMap.open(place).dataset.attrs["parameters"])
+    own = {
+        field.name: made[field.name]
+        for field in fields(making)
+        if field.name in AS_MADE
+        and getattr(making, field.name) == field.default
+        and made[field.name] != field.default
+    }
+    if own:
+        texts = ", ".join(f"{AS_MADE[name]} {value}" for name, value in own.items())
+        note(f"the building is mapped as {place} is, with {texts}.")
+    return replace(making, **own)
 
 
 def _open(

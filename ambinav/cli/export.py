@@ -43,7 +43,8 @@ class FloorOptions:
             nav2-keepout open]
         threshold: Mark cells where the layer is at least this, instead of zones.
         least_area (M2): Leave out smaller zones, m². [default: 0.5]
-        slowest (PERCENT): Speed at level 1, percent of full speed. [default: 30]
+        slowest (PERCENT): Speed at level 1, percent of full speed; Nav2's limits are at least 1.
+            [default: 30]
         max_speed (M/S): Maximum speed of the robot; limits are then in m/s.
         heading (DEG): Heading of the robot, where it matters; see the how-to.
         package (NAME/FOLDER): ROS package and folder that will hold a mask, for its parameters.

@@ -9,7 +9,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -161,11 +161,40 @@ def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tu
         info = copy.copy(info)  # which other commands may share
     else:
         plain, info = kind, typer.Option(f"--{name.replace('_', '-')}")
+    if info.parser is None:
+        info.parser = _PARSERS.get(frozenset(_leaves(plain)))
     # Python without docstrings (-OO) has options without help.
     if info.help is None and name in entries:
         info.metavar, info.help, shown = entries[name].groups()[1:]
         info.show_default = shown or info.show_default
     return plain, info
+
+
+def _number(text: Any) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is not a number; leave units and % out, and write decimals with a point, as "
+            "in 0.25."
+        ) from None
+
+
+def _whole_number(text: Any) -> int:
+    number = _number(text)
+    if not number.is_integer():
+        raise typer.BadParameter(f"{text!r} is not a whole number; give one, such as 12.")
+    # Exact beyond the digits of a float.
+    return int(text) if str(text).strip().lstrip("+-").isdecimal() else int(number)
+
+
+_PARSERS: Final = {frozenset({float}): _number, frozenset({int}): _whole_number}
+
+
+def _leaves(kind: Any) -> set[Any]:
+    """Return the types that a type is made of, without None."""
+    parts = get_args(kind)
+    return set().union(*map(_leaves, parts)) if parts else {kind} - {type(None)}
 
 
 def _entries_of(kind: Any) -> dict[str, re.Match[str]]:

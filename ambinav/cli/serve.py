@@ -13,7 +13,7 @@ import typer
 
 from ambinav.cli.options import documented
 from ambinav.cli.packages import need
-from ambinav.cli.running import reporting
+from ambinav.cli.running import OUR_FAULT, reporting, say
 from ambinav.runtime.errors import InputError
 
 BACKLOG = 2048
@@ -60,7 +60,7 @@ def serve(
         state (DIR): Keep edits, plans and audits in this folder, for the next start. [default: they
             end with the server]
         log: Write one line of JSON per request to the standard error.
-        check: Exit as soon as the server is ready.
+        check: Exit as soon as the server is ready, with status 1 if a part of it does not run.
     """
     with reporting():
         need("ambinav serve", ("fastapi", "uvicorn", "prometheus_client"), "serve")
@@ -115,6 +115,9 @@ def serve(
 
             app.state.context.warming.then(on_ready)
             server.run([listening])
+            if check and app.state.context.warming.failed:
+                say("ambinav: error: the server is not fully prepared; its log above says why.")
+                raise typer.Exit(OUR_FAULT)
 
 
 def _network(proxy: str) -> str:

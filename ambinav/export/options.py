@@ -93,6 +93,10 @@ class ExportOptions:
             if value is not None and not least <= value <= most:
                 limits = f"from {least:g}" + (f" to {most:g}" if most < math.inf else " on")
                 raise InputError(f"{_option(name)}: {value:g}; give a number {limits}.")
+        if self.slowest is not None and 0.0 < self.slowest < 1.0:
+            raise InputError(
+                f"--slowest: {self.slowest:g} % of full speed is hardly any; give percent, e.g. 30."
+            )
         for name in ("max_speed", "resolution", "step", "robot_radius"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:

@@ -106,6 +106,8 @@ def exporter(subject: Subject, path: Path) -> Exporter:
     suffix = path.suffix.lower().removeprefix(".")
     known = formats(subject)
     if suffix not in known:
+        if path.is_dir():
+            raise InputError(f"{path}: this is a folder; name a file in it.")
         raise InputError(
             f"{path}: the ending {path.suffix!r} names no format of {subject}s; choose "
             f".{', .'.join(known)}."

@@ -27,10 +27,12 @@ class Warming:
 
     Attributes:
         seconds: Time that it took; None until it is done.
+        failed: Number of steps that failed.
     """
 
     def __init__(self) -> None:
         self.seconds: float | None = None
+        self.failed = 0
         self._step, self._count = 0, 0
         self._then: list[Callable[[float], None]] = []
 
@@ -54,6 +56,7 @@ class Warming:
             try:
                 await step()
             except Exception:
+                self.failed += 1
                 _log.exception("a step of the preparation failed")
             self._step += 1
         self.seconds = time.monotonic() - begun

@@ -152,6 +152,11 @@ def spec_of(name: object) -> EnvSpec:
     raise InputError(f"the id is {name!r}; {nearest(own, known)}.")
 
 
+def without_own_module(name: str) -> str:
+    """Return an id without the prefix "ambinav_envs:"; ids with other modules stay as they are."""
+    return name.removeprefix("ambinav_envs:")
+
+
 def is_plain(spec: EnvSpec) -> bool:
     """Return whether an id is our environment with arguments, and nothing around it."""
     entry: object = spec.entry_point

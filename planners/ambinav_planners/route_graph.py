@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.buildings.drawn_items import KINDS
 from ambinav.config.values import shown
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.errors import InputError
@@ -185,6 +186,11 @@ def _of_lines(path: Path, features: list[Feature]) -> RouteGraph:
     number: dict[tuple[float, float], int] = {}
     pairs: list[tuple[int, int]] = []
     for label, properties, geometry in features:
+        if properties.get("kind") in KINDS:
+            raise InputError(
+                f"{label}: kind is {properties['kind']}: this is the plan of a building; give a "
+                "route graph, or lines without a kind."
+            )
         lines = geometry.get("coordinates")
         for line in [lines] if geometry["type"] == "LineString" else list_of(label, lines):
             vertices = [

@@ -88,3 +88,24 @@ def test_poses_that_see_an_obstacle_are_those_whose_rays_it_shortens() -> None:
     assert (seen[shortened]).all()
     assert 0.1 < shortened.mean() < 0.9
     assert (seen & ~shortened).mean() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("start", "azimuth"), [((0.0, 2.0), 0.0), ((0.0, 4.0), 0.0), ((3.0, 0.0), math.pi / 2)]
+)
+def test_rays_that_touch_a_corner_from_above_meet_no_bottom(
+    start: tuple[float, float], azimuth: float
+) -> None:
+    """A plate, and rays that rise past one of its corners."""
+    plate = shapely.Polygon([(4, 2), (5, 3), (4, 4), (3, 3)])
+    added = AddedWalls.of([edges_of(plate)], [0], [(0.7, 0.75)], [True])
+    elevation = np.radians([5.0, 9.0, 15.0])
+    rays = np.zeros((3, 5))
+    rays[:, 0], rays[:, 3], rays[:, 4] = azimuth, 0.5, elevation
+    hits = (
+        np.full((1, 3), REACH, np.float32),
+        np.full((1, 3), -1, np.int32),
+        np.full((1, 3), np.nan, np.float32),
+    )
+    added.shorten(np.array(start[:1]), np.array(start[1:]), 0.0, rays, REACH, 100, hits)
+    np.testing.assert_array_equal(hits[0], REACH)

@@ -127,6 +127,7 @@ def explained(drive: Recording, part: Floats, slip: float, squares: bool = False
     return np.asarray(1.0 - left / (judged**2).sum(axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_observation_is_made_without_the_truth(name: str) -> None:
     """Bit for bit, where the truth is nan."""
@@ -152,6 +153,7 @@ def test_at_any_difficulty_too(difficulty: int) -> None:
     assert (explained(drive, velocity, p.slip) < MOST_EXPLAINED).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_velocity_is_odometry_and_nothing_more(name: str) -> None:
     """Slip and kidnapping included."""

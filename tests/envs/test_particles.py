@@ -113,6 +113,7 @@ def test_each_is_the_one_robot_localizer(
     assert kind == ("beam_prob" if scanner is RING else mcl.get("laser_model_type", kind))
 
 
+@pytest.mark.slow
 def test_neither_number_order_nor_threads_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.get_num_threads", lambda: 2)
     threads._pools.clear()

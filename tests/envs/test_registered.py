@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +16,11 @@ from ambinav import plugins
 from ambinav.plugins import InstalledEntry
 from ambinav.runtime.errors import InputError
 from ambinav_envs.arena import Arena
+from ambinav_envs.difficulty import LEVELS
+from ambinav_envs.leaderboard.evaluated import JUDGED, environment_for
 from ambinav_envs.leaderboard.methods import PLANNERS, planner_method
+from ambinav_envs.policies.card import Card, arguments_of, plain_environment
+from ambinav_envs.policies.policy import CallablePolicy, Policy
 from ambinav_envs.policies.reactive.policy import ReactivePolicy
 from ambinav_envs.registered import arguments_of_id, is_wrapped
 from ambinav_envs.registration import IDS, TASKS, register_envs
@@ -234,6 +239,58 @@ def test_a_wrapped_environment_is_driven_by_itself(ids: None) -> None:
         assert np.allclose(runs[0].travelled, runs[1].travelled)
         steps = runs[0].seconds / around.parameters.dt
         assert np.allclose(runs[0].reward, runs[1].reward + steps)
+
+
+def trained_in(name: str, **arguments: Any) -> Policy:
+    def make(*spaces: Any) -> None:
+        raise AssertionError
+
+    make.environment = {"id": name, **arguments}  # type: ignore[attr-defined]
+    return CallablePolicy(make, "mine.py:make")
+
+
+def test_a_policy_is_evaluated_as_it_was_trained_in_a_wrapped_environment(ids: None) -> None:
+    gym.register(
+        "mine/Suite-v0",
+        entry_point=lambda **given: wrapped(
+            **{"map": None, "suite": "office", "people": 2, **given}
+        ),
+    )
+    name = "mine/Suite-v0"
+    own = {"people": 3, "max_steps": 7, "window": True}
+    hall = {"suite": "hall", "buildings": 4, "first_building": 9}
+    policy = trained_in(name, **own, **hall)
+    assert environment_for(policy, {}) == {"id": name, "suite": "hall", **own, **JUDGED}
+    # What was changed replaces it, and what the id says itself is left out.
+    changed: dict[str, Any] = {"people": 1, "suite": "loop", "buildings": 5}
+    kept = {"max_steps": 7, "window": True}
+    assert environment_for(policy, changed) == {"id": name, **kept, **JUDGED, **changed}
+    changed = {"suite": None, "map": room()}
+    assert environment_for(policy, changed) == {"id": name, **own, **changed}
+    said = trained_in(name, people=2, suite="office", declare=(), robot={})
+    assert environment_for(said, {}) == {"id": name, **JUDGED}
+    # In a task that was asked for it keeps what it sees.
+    assert environment_for(policy, {}, name) == {"id": name, "window": True, **JUDGED}
+
+
+def of_a_card(name: str, **arguments: Any) -> Policy:
+    """A policy with the card that a training writes: all parameters, plain, in JSON."""
+    environment = plain_environment({**arguments_of_id(name, arguments), "id": name})
+    card = Card("PPO", json.loads(json.dumps(environment)), {}, {}, 0, None)
+    return trained_in(**{"name": name, **arguments_of(card)})
+
+
+def test_a_policy_of_a_wrapped_map_brings_what_its_card_says(ids: None) -> None:
+    name, arguments = "mine/Wrapped-v0", {"people": 5, "difficulty": 1}
+    policy = of_a_card(name, **arguments)
+    given = environment_for(policy, {})
+    assert given.keys() == {"id", "people", "difficulty", *LEVELS[1]}
+    own = {key: value for key, value in given.items() if key != "id"}
+    assert Arena.of(name, own).parameters == Arena.of(name, arguments).parameters
+    # Another difficulty sets what that of the training did, and leaves what was given.
+    other = {"difficulty": 3}
+    assert environment_for(policy, other) == {"id": name, "people": 5, **other}
+    assert environment_for(of_a_card("mine/Closed-v0"), {}) == {"id": "mine/Closed-v0"}
 
 
 def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:

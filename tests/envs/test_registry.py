@@ -119,6 +119,7 @@ def test_checkers_have_nothing_to_say(name: str) -> None:
     stable_baselines.check_env(make(name))
 
 
+@pytest.mark.slow
 def test_all_render_modes_pass_the_checker() -> None:
     check_env(make("ambinav/Office-v1").unwrapped)
 

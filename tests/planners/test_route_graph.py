@@ -239,6 +239,13 @@ def test_lines_meet_at_common_vertices(tmp_path: Path) -> None:
     assert ends == {(a, b), (b, a), (b, c), (c, b), (b, d)}
 
 
+WALL = {
+    "type": "Feature",
+    "properties": {"kind": "wall"},
+    "geometry": {"type": "LineString", "coordinates": [[0, 0], [1, 0]]},
+}
+
+
 @pytest.mark.parametrize(
     ("features", "message"),
     [
@@ -250,6 +257,7 @@ def test_lines_meet_at_common_vertices(tmp_path: Path) -> None:
         ([node(1, (0, 0)), edge(2, 1, "1")], r"features\[1\]: endid is '1'; give a whole number"),
         ([node(1, (0, 0)), edge(2, 1, 1, metadata=[1])], "metadata is \\[1\\]; give an object"),
         ([{"type": "Feature"}], r"features\[0\]: geometry is None"),
+        ([WALL], r"features\[0\]: kind is wall: this is the plan of a building"),
         ([3], r"features\[0\]: geometry is None"),
     ],
 )

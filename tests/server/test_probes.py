@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +19,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from ambinav.server.observer import ACCESS_LOG, JsonLines
 from tests.server.live import Live, wait_until
-from tests.server.test_cli_serve import started
+from tests.server.test_cli_serve import ROOT, started
 
 
 def samples(live: Live) -> dict[tuple[str, ...], float]:
@@ -125,6 +128,19 @@ def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.read().startswith("ready after ")
         assert process.wait(30) == 0
+
+
+@pytest.mark.slow
+def test_a_check_fails_where_no_process_for_plans_starts(plan_map: Path, tmp_path: Path) -> None:
+    script = tmp_path / "unguarded.py"  # each process that it starts runs it again, and ends
+    script.write_text("from ambinav.cli import app\napp()\n")
+    command = [sys.executable, str(script), "serve", str(plan_map), "--port", "0", "--check"]
+    paths = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+    ended = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, env=os.environ | {"PYTHONPATH": paths}
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.endswith("the server is not fully prepared; its log above says why.\n")
 
 
 @pytest.mark.slow

@@ -205,7 +205,10 @@ class Context:
         for weights in (None, (0.0, 1.0)):
             try:
                 await self.plans.run(warm_up_plan(served, path, place, weights))
-            except Problem as problem:  # no robot fits, say; the process has begun all the same
+            except Problem as problem:
+                if problem.status == 503:
+                    raise
+                # No robot fits, say; the process has begun all the same.
                 _log.warning("plans are not prepared: %s", problem.detail)
 
     def keep_pyramids(self, stop: threading.Event) -> None:

@@ -109,7 +109,9 @@ def parse_scenario(
         InputError: a key is unknown or missing, or a value of no use.
     """
     if not isinstance(plain, Mapping):
-        raise InputError(f"{where} holds {type(plain).__name__}; give a mapping of keys.")
+        raise InputError(
+            f"{where}: it is no mapping of keys, such as `pairs: ...`; give a scenario."
+        )
     keys: dict[str, Any] = {"name": default_name, **plain}
     if isinstance(keys.get("pairs"), list):
         keys["pairs"] = [

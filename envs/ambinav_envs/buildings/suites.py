@@ -95,6 +95,12 @@ class Suite:
             return [self.draw]
         return [function for member in self.members for function in suite(member).functions()]
 
+    def leaves(self) -> set[str]:
+        """Return the names of the suites that draw its buildings: its own, or those of members."""
+        if self.draw is not None:
+            return {self.name}
+        return set[str]().union(*(suite(member).leaves() for member in self.members))
+
     def _drawn(self, variant: int, called: str) -> Environment:
         if self.draw is None:
             return suite(self.members[variant % len(self.members)])._drawn(variant, called)

@@ -28,6 +28,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, episode_seeds
+from ambinav_envs.file_arguments import with_absolute_files
 from ambinav_envs.leaderboard.dataset_card import ENDED, INFOS, dataset_card
 from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.leaderboard.model_card import README
@@ -89,7 +90,7 @@ def record_datasets(
         methods: Methods that drive, all in the same episodes.
         environment: An id of Gymnasium, of a `NavigationEnv` or a wrapper around one.
         arguments: Arguments of the environment, as plain values, since Minari keeps them as JSON;
-            they go before what a method brings along.
+            they go before what a method brings along. Names of files are kept as absolute ones.
         episodes: Number of episodes of each method.
         seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.
@@ -103,6 +104,7 @@ def record_datasets(
     for package in ("minari", "h5py"):
         if find_spec(package) is None:
             raise InputError(f'a data set needs {package}; run: pip install "ambinav[minari]".')
+    arguments = with_absolute_files(arguments, Path())
     if is_wrapped(environment):
         make_wrapped(environment, arguments).close()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

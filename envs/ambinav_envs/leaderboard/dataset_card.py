@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 from gymnasium.envs.registration import EnvSpec
 
+from ambinav_envs.file_arguments import files_of
 from ambinav_envs.leaderboard.model_card import TASK, as_yaml
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ unseen = stored.recover_environment(eval_env=True)
 
 `reset` of `env` with the seed of an episode, and its actions, give its observations and rewards
 again, bit for bit, with the same versions.
-
+{_needed_files(env.spec.kwargs)}
 ## Content
 
 | observation | shape | range |
@@ -148,6 +149,17 @@ Policies are to be evaluated in `{evaluation.id}` with these:
   above; the method sees a false pose where it is lost, and other methods would drive elsewhere.
 - Sums of rewards can be compared only where the reward is the same.
 """
+
+
+def _needed_files(arguments: Mapping[str, Any]) -> str:
+    """Return a paragraph on each file that the environments need."""
+    return "".join(
+        f"""
+The {key} is the file `{file}`, which the data set does not hold: publish it too. Where it lies
+elsewhere, say so: `stored.recover_environment({key}=...)`, and likewise with `eval_env=True`.
+"""
+        for key, file in files_of(arguments).items()
+    )
 
 
 def _rows(texts: Mapping[str, str]) -> str:

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,15 +16,18 @@ import numpy as np
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_envs.arena import Arena
+from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.card import DRAWN, plain_value
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.load import checksum_of
-from ambinav_envs.policies.policy import Policy
+from ambinav_envs.policies.policy import RULES, Policy
 from ambinav_envs.registered import arguments_of_id, is_wrapped
+from ambinav_envs.registration import without_own_module
 from ambinav_envs.simulation.layout import OUTCOMES
 
 COUNT: Final = 100
@@ -147,6 +150,8 @@ def environment_for(
     """
     arguments = dict(policy.environment)
     name = arguments.pop("id", None)
+    if isinstance(name, str):
+        name = without_own_module(name)
     if task is not None:
         arguments, name = dict(policy.seeing), task
     elif {"suite", "map"} & changed.keys():
@@ -157,7 +162,9 @@ def environment_for(
             "--task MODULE:ID, --suite or --map."
         )
     if name is not None and is_wrapped(name):
-        return _environment_around(name, policy, changed)
+        meant = arguments_of_id(name, changed)
+        given = policy.seeing if task is not None else _training_left(policy, meant, changed)
+        return {"id": name, **_needed(meant, given, changed)}
     meant = {} if name is None else arguments_of_id(name)
     arguments = {key: value for key, value in meant.items() if key not in DRAWN} | arguments
     if "suite" in changed or "map" in changed:
@@ -169,13 +176,58 @@ def environment_for(
     return arguments if task is None else {"id": name, **arguments}
 
 
-def _environment_around(name: str, policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments for an environment that somebody wrapped: no more than it needs."""
-    meant = arguments_of_id(name, changed)
-    arguments = {key: value for key, value in policy.seeing.items() if meant[key] != value}
-    if meant.get("map") is None:
+def _needed(
+    meant: Mapping[str, Any], given: Mapping[str, Any], changed: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the arguments for an environment that somebody wrapped: no more than it needs.
+
+    Args:
+        meant: Those that its id stands for, with `changed`.
+        given: Those that a policy brings along.
+        changed: Those that replace them.
+    """
+    given = {key: value for key, value in given.items() if key not in changed}
+    own, wanted = _comparable(meant), _comparable({**meant, **given})
+    arguments = {key: value for key, value in given.items() if own.get(key) != wanted[key]}
+    place = arguments if {"suite", "map"} & arguments.keys() else meant
+    if place.get("map") is None:
         arguments |= JUDGED
-    return {"id": name, **arguments, **changed}
+    return {**arguments, **changed}
+
+
+def _training_left(
+    policy: Policy, meant: Mapping[str, Any], changed: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the arguments of a policy's training that others do not replace.
+
+    Another suite or map replaces both, another difficulty also what that of the training sets.
+
+    Args:
+        policy: It was trained in an environment that somebody wrapped.
+        meant: Arguments that the id of that stands for, with `changed`.
+        changed: Arguments that replace those of the training.
+    """
+    trained, replaced = policy.environment, {"id", *DRAWN}
+    values = _comparable({**meant, **trained})
+    if {"suite", "map"} & changed.keys():
+        replaced |= {"suite", "map"}
+    if "difficulty" in changed:
+        levels = _comparable({"difficulty": trained.get("difficulty", 0)})
+        replaced |= {key for key in LEVELS[-1] if values[key] == levels[key]}
+    defaults = _comparable({})
+    if not defaults.keys() <= trained.keys():
+        # A card that was saved by hand has defaults for what the id may say otherwise.
+        unsaid = (*RULES, "layer", "robot", "scanner")
+        replaced |= {key for key in unsaid if values[key] == defaults[key]}
+    return {key: value for key, value in trained.items() if key not in replaced}
+
+
+def _comparable(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of an environment and the defaults of all others, as plain values."""
+    names = [item.name for item in fields(NavigationParameters)]
+    parameters = NavigationParameters.of({k: v for k, v in arguments.items() if k in names})
+    typed = {name: getattr(parameters, name) for name in names} | {"layer": parameters.cost_layer}
+    return {key: plain_value(value) for key, value in {**arguments, **typed}.items()}
 
 
 def evaluate_policy(

@@ -22,7 +22,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing, sha256
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.policies import Card, read_card
-from ambinav_envs.registration import IDS
+from ambinav_envs.registration import IDS, without_own_module
 from ambinav_envs.tasks import NAMESPACE
 
 README: Final = "README.md"
@@ -168,7 +168,7 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
 
 
 def _id_of(environment: Mapping[str, Any]) -> str:
-    return str(environment.get("id") or NAVIGATION)
+    return without_own_module(str(environment.get("id") or NAVIGATION))
 
 
 def model_card(name: str, card: Card, judged: Judged) -> str:

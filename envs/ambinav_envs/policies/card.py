@@ -19,7 +19,7 @@ from ambinav_envs.policies.corrected import BASES
 from ambinav_envs.policies.network import ALGORITHMS
 from ambinav_envs.policies.policy import seen_in
 from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
-from ambinav_envs.registration import is_plain, with_task
+from ambinav_envs.registration import is_plain, with_task, without_own_module
 from ambinav_envs.tasks import NAMESPACE
 
 FORMAT: Final = 3
@@ -122,6 +122,8 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     given = of_id(environment) | dict(environment)
     seen = seen_in(given)
     complete = seen | given | {name: seen[name] for name in ("scanner", "robot")}
+    if "id" in complete:
+        complete["id"] = without_own_module(str(complete["id"]))
     return {name: plain_value(value) for name, value in complete.items() if name not in DRAWN}
 
 
@@ -136,9 +138,9 @@ def arguments_of(card: Card) -> dict[str, Any]:
         InputError: an argument that determines the policy's observation is invalid.
     """
     arguments = dict(card.environment)
-    name = str(arguments.pop("id", ""))
+    name = without_own_module(str(arguments.pop("id", "")))
     spec = gymnasium.registry.get(name)
-    if not (name == "" or name.rpartition(":")[2].startswith(f"{NAMESPACE}/")) and (
+    if not (name == "" or name.startswith(f"{NAMESPACE}/")) and (
         spec is None or not is_plain(spec)
     ):
         arguments["id"] = name
@@ -162,7 +164,7 @@ def of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
 
     A wrapped environment is not created for this: its card has all of them.
     """
-    spec = gymnasium.registry.get(str(environment.get("id")))
+    spec = gymnasium.registry.get(without_own_module(str(environment.get("id"))))
     if spec is None or not is_plain(spec):
         return {}
     replaced = ("task", "suite", "map") if environment.get("map") is not None else ("task",)

@@ -15,13 +15,14 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
 from ambinav.runtime.input_suggestions import TRAINING, kind_of, kind_of_path, refuse
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.buildings.suites import suite
+from ambinav_envs.file_arguments import with_absolute_files
 from ambinav_envs.scenario import source_of
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 
 MAY_CHANGE: Final = ("steps", "minutes")
 """Keys that may differ when a training is resumed."""
-_FILES = ("map", "scanner", "file")
 
 
 def load_training_config(
@@ -36,7 +37,7 @@ def load_training_config(
     Args:
         path: The YAML file.
         seed: Instead of the file's.
-        limits: `steps` and `minutes` instead of both of the file's.
+        limits: `steps` or `minutes` or both, instead of both of the file's; none: the file's.
         task: Id of the environment instead of the file's.
 
     Raises:
@@ -48,7 +49,7 @@ def load_training_config(
     refuse(str(path), kind_of(plain), "a training configuration", TRAINING)
     if not isinstance(plain, Mapping):
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
-    settings = {**plain, **(limits or {})}
+    settings = {**plain, **dict.fromkeys(MAY_CHANGE), **limits} if limits else dict(plain)
     if seed is not None:
         settings["seed"] = seed
     if task is not None:
@@ -76,12 +77,12 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
     if threads > most:
         raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
-    apart = _with_absolute_files(config.judged_apart, folder)
+    apart = with_absolute_files(config.judged_apart, folder)
     evaluation = config.evaluation.model_copy(update={"environment": apart})
     config = config.model_copy(
         update={
             "threads": threads,
-            "environment": _with_absolute_files(config.environment, folder),
+            "environment": with_absolute_files(config.environment, folder),
             "evaluation": evaluation,
             "hyperparameters": hyperparameters_of(
                 config.algorithm, config.hyperparameters, config.envs
@@ -112,15 +113,18 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
 def _check_apart(where: str, train: BuildingSource, judged: BuildingSource) -> None:
     """Check that training and evaluation share no building of a suite.
 
-    Where any number is drawn, from billions, two do not meet.
+    Building k of a mixture is building k of a member; which member is not considered. Where any
+    number is drawn, from billions, two do not meet.
     """
-    if train.name != judged.name or train.count is None or judged.count is None:
+    shared = suite(train.name).leaves() & suite(judged.name).leaves()
+    if not shared or train.count is None or judged.count is None:
         return
     if max(train.first, judged.first) < min(train.first + train.count, judged.first + judged.count):
         raise InputError(
             f"{where}: evaluation.environment: the buildings from {judged.first} on, "
             f"{judged.count} of them, are partly those of training, {train.count} from "
-            f"{train.first} on; give another first_building."
+            f"{train.first} on (both have the suite {', '.join(sorted(shared))}); give another "
+            "first_building."
         )
 
 
@@ -149,15 +153,3 @@ def _differs(now: Any, before: Any, place: str) -> str | None:
                     return key_path
         return None
     return None if now == before else f"{place} is {now!r} and was {before!r}"
-
-
-def _with_absolute_files(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the arguments with file names made absolute."""
-    resolved = dict(arguments)
-    for key in _FILES:
-        name = resolved.get(key)
-        if isinstance(name, Mapping):
-            resolved[key] = _with_absolute_files(name, folder)
-        elif isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-            resolved[key] = str((folder / name).resolve())
-    return resolved

@@ -172,6 +172,7 @@ def test_another_base_is_refused(run: Path, tmp_path: Path) -> None:
         TrainingEnvs(tiny(base="vfh", environment={**CORRECTED["environment"], "waypoint": False}))
 
 
+@pytest.mark.slow
 def test_the_environments_of_a_training_agree_with_the_policy() -> None:
     """Corrections go the same way in training and in judging."""
     envs = TrainingEnvs(tiny(**CORRECTED))

@@ -23,6 +23,7 @@ from tests.envs.policies.models import OPTIONS, model, saved
 from tests.envs.policies.test_network import observations, same_actions, trained
 
 from ambinav_envs.policies import ModelPolicy, load_policy, save_policy  # isort: skip
+from ambinav_envs.policies.card import Card, arguments_of, plain_environment
 from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.sb3 import make_sb3
 
@@ -233,6 +234,7 @@ def test_an_id_says_what_its_policy_is_judged_in(tmp_path: Path) -> None:
     for name, key, value in (
         ("ambinav/AccurateGoal-v1", "goal_radius", 0.1),
         ("ambinav/Office-NoMap-v1", "ambiguity_seen", False),
+        ("ambinav_envs:ambinav/AccurateGoal-v1", "goal_radius", 0.1),
     ):
         made = model(make_sb3(name, 2, buildings=1))
         made.save(tmp_path / "plain.zip")
@@ -249,6 +251,16 @@ def test_an_id_says_what_its_policy_is_judged_in(tmp_path: Path) -> None:
         other = environment_for(loaded[1], {}, "ambinav/Hall-v1")
         assert other.get("ambiguity_seen", True) is (key != "ambiguity_seen")
         assert "goal_radius" not in other
+
+
+def test_our_module_in_an_id_makes_no_difference() -> None:
+    name = "ambinav/Hall-v1"
+    plain = plain_environment({"id": name})
+    assert plain_environment({"id": f"ambinav_envs:{name}"}) == plain
+    assert (plain["id"], plain["suite"]) == (name, "hall")
+    assert plain_environment({"id": "mine:mine/Own-v0"})["id"] == "mine:mine/Own-v0"
+    earlier = Card("PPO", {"id": f"ambinav_envs:{name}"}, {}, {}, 0, None)
+    assert arguments_of(earlier)["suite"] == "hall"
 
 
 @pytest.mark.slow

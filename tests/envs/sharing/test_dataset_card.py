@@ -15,6 +15,7 @@ pytest.importorskip("minari")
 pytest.importorskip("h5py")
 
 import ambinav as an
+from ambinav_envs.file_arguments import files_of, with_absolute_files
 from ambinav_envs.leaderboard.dataset import record_datasets
 from ambinav_envs.leaderboard.dataset_card import ENDED, INFOS
 from ambinav_envs.leaderboard.methods import follower_method
@@ -81,8 +82,26 @@ def test_a_map_of_somebody_has_its_own_licence(
 ) -> None:
     own = tmp_path / "own.geojson"
     own.write_text('{"type": "Polygon", "coordinates": [[[0, 0], [9, 0], [9, 7], [0, 7], [0, 0]]]}')
+    monkeypatch.chdir(tmp_path)
     stored, head, text = record(
-        "ambinav/Navigation-v1", tmp_path / "sets", monkeypatch, map=str(own)
+        "ambinav/Navigation-v1", tmp_path / "sets", monkeypatch, map=own.name
     )
     assert head["license"] == "other" and "That of the map" in text and "author" not in text
+    # It is read again from any folder.
+    monkeypatch.chdir("/")
+    assert stored.env_spec.kwargs["map"] == str(own) and stored.recover_environment() is not None
+    assert f"The map is the file `{own}`, which the data set does not hold" in text
+    assert "`stored.recover_environment(map=...)`" in text
     assert stored.recover_environment(eval_env=True).spec.kwargs == stored.env_spec.kwargs
+
+
+def test_names_of_files_are_made_absolute(tmp_path: Path) -> None:
+    for name in ("own.geojson", "eye.yaml"):
+        (tmp_path / name).touch()
+    given = {"scanner": "eye.yaml", "map": {"file": "own.geojson", "level": 2}, "people": 2}
+    eye, own = str(tmp_path / "eye.yaml"), str(tmp_path / "own.geojson")
+    made = with_absolute_files(given, tmp_path)
+    assert made == {"scanner": eye, "map": {"file": own, "level": 2}, "people": 2}
+    assert files_of(made) == {"map": own, "scanner": eye}
+    unchanged = {"scanner": "rplidar-a1", "map": "gone.yaml"}
+    assert with_absolute_files(unchanged, tmp_path) == unchanged and files_of(unchanged) == {}

@@ -142,6 +142,7 @@ def test_the_score_of_tasks() -> None:
     assert scores["score"]["high"] == pytest.approx(0.4375 + half / 2, abs=0.0125)
 
 
+@pytest.mark.slow
 def test_the_shipped_definition_holds() -> None:
     frozen = FrozenBenchmark.read()
     venues = list(frozen.venues(None))
@@ -150,6 +151,7 @@ def test_the_shipped_definition_holds() -> None:
     assert {venue.count for _, _, venue in venues} == {30}
 
 
+@pytest.mark.slow
 def test_the_recorded_maps_are_the_frozen_ones(
     data_dir: Path, frozen: FrozenBenchmark, tmp_path: Path
 ) -> None:
@@ -188,6 +190,7 @@ def test_other_buildings_and_tasks_are_noticed(
         make_record(other, entries_for(other, ["vfh"], False), ignore)
 
 
+@pytest.mark.slow
 def test_a_submission_is_verified(
     record: dict[str, Any], frozen: FrozenBenchmark, tmp_path: Path
 ) -> None:
@@ -288,6 +291,7 @@ def test_a_score_that_its_episodes_do_not_give_is_refused(
         read_submission(path, frozen)
 
 
+@pytest.mark.slow
 def test_the_hidden_seed(record: dict[str, Any], frozen: FrozenBenchmark, folder: Path) -> None:
     secret = folder / "secret.json"
     path = written(record, folder / "public.json", sealed=False)
@@ -347,6 +351,7 @@ def test_policies_are_refused(policies: list[str], message: str, frozen: FrozenB
         entries_for(frozen, policies, False)
 
 
+@pytest.mark.slow
 def test_the_command(
     record: dict[str, Any], frozen: FrozenBenchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

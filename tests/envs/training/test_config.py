@@ -85,6 +85,32 @@ def test_the_call_may_say_seed_and_limits(tmp_path: Path) -> None:
     )
     config = load_training_config(tmp_path / "a.yaml", seed=7, limits={"steps": 5, "minutes": None})
     assert (config.seed, config.steps, config.minutes) == (7, 5, None)
+    for limits, wanted in (
+        ({"steps": 5}, (5, None)),
+        ({"minutes": 1}, (None, 1)),
+        ({}, (10000, 3)),
+    ):
+        config = load_training_config(tmp_path / "a.yaml", limits=limits)
+        assert (config.steps, config.minutes) == wanted
+
+
+@pytest.mark.parametrize(
+    ("suite", "first", "shares"),
+    [
+        ("cluttered+hall", 1, True),
+        ("standard", 1, True),
+        ("loop+standard", 1, True),
+        ("cluttered+hall", 2, False),
+        ("cluttered+loop", 1, False),
+    ],
+)
+def test_a_mixture_has_the_buildings_of_its_members(suite: str, first: int, shares: bool) -> None:
+    judged = {"environment": {"suite": suite, "first_building": first, "buildings": 4}}
+    if not shares:
+        assert tiny(evaluation=judged).judged["suite"] == suite
+        return
+    with pytest.raises(InputError, match=r"partly those of training, 2 from 0 on .*suite hall\)"):
+        tiny(evaluation=judged)
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

@@ -76,6 +76,7 @@ def test_a_pickled_normalisation_forgets_the_returns_so_far() -> None:
     assert "returns" in vars(envs) and "returns" not in envs.__getstate__()
 
 
+@pytest.mark.slow
 def test_the_window_of_successes_is_that_of_the_curriculum(tmp_path: Path) -> None:
     """What we do lean on: it keeps the last ones of all environments, and goes with the model."""
     config = tiny()

@@ -125,6 +125,11 @@ def test_two_scanners_in_one_building(folder):
     assert result.exit_code == 3, result.output
     assert "max_range" in result.stdout and "0 gone" not in result.stdout
     # With the same scanner nothing differs.
+    build = ("map", "plan.geojson", "-s", "scanner.yaml", "--spacing", "0.4", "-o", "c.zarr")
+    assert CliRunner().invoke(app, build).exit_code == 0
+    beside = run("plan.geojson", "c.zarr", "-s", "scanner.yaml")
+    assert "mapped as c.zarr is, with --spacing 0.4" in beside.stderr
+    assert "The maps are identical" in beside.stdout
     same = run("plan.geojson", "plan.geojson", "-s", "scanner.yaml", "--spacing", "0.4")
     assert same.exit_code == 0 and "identical" in same.stdout
 

@@ -297,7 +297,10 @@ class Words:
         )
         less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
         amount = self.numbers.difference(best, present, less)
-        return f"The present scanner has {value}: {amount} below the best setting{caveat}."
+        return (
+            f"The present scanner is better: it has {value}, {amount} below the best setting "
+            f"tried{caveat}."
+        )
 
     @property
     def formats(self) -> tuple[Callable[[float | None], str], Callable[[float | None], str]]:

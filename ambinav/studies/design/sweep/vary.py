@@ -214,10 +214,10 @@ class Variation:
             raise InputError(
                 f"vary: {text!r} runs backwards; give {name}={last:g}:{first:g}:{step:g}."
             )
-        count = math.floor((last - first) / step + 1e-6) + 1
-        if count > MOST_SETTINGS:
-            raise InputError(_too_many(count))
-        return cls(name, tuple(first + step * i for i in range(count)))
+        count = math.ceil((last - first) / step - 1e-6)
+        if count >= MOST_SETTINGS:
+            raise InputError(_too_many(count + 1))
+        return cls(name, (*(first + step * i for i in range(count)), last))
 
 
 @dataclass(frozen=True)
