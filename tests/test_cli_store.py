@@ -130,9 +130,12 @@ def test_what_is_newer_or_unreadable_is_listed(folder) -> None:
     content = path.read_bytes()
     path.write_bytes(content.replace(b"ambinav-map 1 ", b"ambinav-map 7 ", 1))
     (path.parent / f"{'a' * 32}.map").write_bytes(b"")
+    changed = content.replace(b'"environment_source"', b'"envhronment_source"')
+    (path.parent / f"{'b' * 32}.map").write_bytes(changed)
     states = {one["key"]: one["state"] for one in store_json("list")["maps"]}
-    assert states == {path.stem: "newer format", "a" * 32: "damaged"}
+    assert states == {path.stem: "newer format", "a" * 32: "damaged", "b" * 32: "damaged"}
     run("store", "list")
+    assert store_json("show", "bbb")["state"] == "damaged"
     assert store_json("verify", status=3)["whole"] == []
     assert store_json("prune", "--all")["left"] == 1 and path.exists()
 
@@ -144,7 +147,7 @@ def test_prune(folder) -> None:
     newest, oldest = store_json("list")["maps"]
     gone = store_json("prune")
     assert (gone["removed"], gone["left"]) == (0, 2)
-    gone = store_json("prune", "--limit", str(newest["bytes"]))
+    gone = store_json("prune", "--limit", f"{newest['bytes']} B")
     assert gone["removed"] == 1 and gone["removed_bytes"] == oldest["bytes"]
     assert [one["key"] for one in store_json("list")["maps"]] == [newest["key"]]
     path = Path(newest["path"])

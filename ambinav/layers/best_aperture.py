@@ -115,6 +115,7 @@ LAYER = Layer(
     source="Ruiz-Mayor, Crespo and Trivino 2017 (optimum aperture); own level: docs/layers.md",
     worse="high",
     compute=best_aperture,
+    compares_cells=True,
     why_not=why_not,
     companions={
         "best_aperture_around": ("level of the same sensor looking all around", "1"),

@@ -94,6 +94,7 @@ LAYER = Layer(
     source="Ruiz-Mayor, Crespo and Trivino 2017 (optimum orientation); own level: docs/layers.md",
     worse="high",
     compute=best_yaw,
+    compares_cells=True,
     in_space=True,
     why_not=why_not,
     companions={

@@ -16,6 +16,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer, chosen_layers
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.part import is_part
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -45,11 +46,39 @@ def with_layers(
 
     Raises:
         InputError: there is no such layer or option, the scanner does not support the layer, or the
-            map lacks its parameters.
+            map lacks its parameters, or is a part of its building and a layer compares its cells.
     """
+    chosen = layers_for(amap, names, environment)
+    compared = [layer.name for layer in chosen if layer.compares_cells]
+    if compared and is_part(amap, environment):
+        raise InputError(
+            f"{amap.source}: the map is a part of its building and lacks cells that are compared "
+            f"for {', '.join(compared)}; open it without bounds, or leave that out."
+        )
+    return layered(amap, chosen, environment=environment, report=report, **options)
+
+
+def layers_for(
+    amap: AmbiguityMap, names: str | Iterable[str], environment: Environment | None = None
+) -> tuple[Layer, ...]:
+    """Return the layers of these names that a map gets; see `with_layers`."""
     stored = amap.dataset.attrs.get("scanner_yaml")
     scanner = None if stored is None else RangeScanner.from_yaml_text(stored, file=amap.source)
-    chosen = chosen_layers(names, scanner, environment or amap.environment)
+    return chosen_layers(names, scanner, environment or amap.environment)
+
+
+def layered(
+    amap: AmbiguityMap,
+    chosen: tuple[Layer, ...],
+    *,
+    environment: Environment | None = None,
+    report: Callable[[float], None] | None = None,
+    **options: Mapping[str, object],
+) -> AmbiguityMap:
+    """Return a map, or a part of one, with more layers; see `with_layers`.
+
+    At the rim of a part the values of layers that compare cells are those of the part alone.
+    """
     _check_options(chosen, options)
     if not chosen:
         return amap

@@ -407,6 +407,7 @@ LAYER = Layer(
     source="after Roy, Burgard, Fox and Thrun 1999, Coastal navigation (ICRA)",
     worse="high",
     compute=coastal_entropy,
+    compares_cells=True,
     in_space=True,
     reach=_reach,
     companions={"coastal_entropy_gain": ("what a scan is expected to tell of the pose", "bits")},

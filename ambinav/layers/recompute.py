@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.layers.build import with_layers
+from ambinav.layers.build import layered, layers_for
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer
 from ambinav.maps import schema
@@ -59,7 +59,7 @@ class Changed:
     def computed(self, layer: Layer, amap: AmbiguityMap, env: Environment) -> AmbiguityMap:
         """Return a map with the layer, computed with its old options."""
         given: Any = {layer.name: self.options(layer)}
-        return with_layers(amap, layer.name, environment=env, **given)
+        return layered(amap, layers_for(amap, layer.name, env), environment=env, **given)
 
     def options(self, layer: Layer) -> dict[str, Any]:
         """Return the options that the layer was computed with."""

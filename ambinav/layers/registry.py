@@ -58,6 +58,8 @@ class Layer(LayerRecord):
             be and still change the layer there, metres, whatever stands between; what lies
             further off must not matter, nor cells beyond the map's radius. None: no limit is
             known, so that for a changed building (`AmbiguityMap.update`) it is computed in full.
+        compares_cells: Whether its values at a cell depend on other cells of the map, so that a
+            part of a map (`AmbiguityMap.open(bounds=)`) cannot have it.
     """
 
     compute: Callable[..., Mapping[str, NDArray[np.float32]]]
@@ -70,6 +72,7 @@ class Layer(LayerRecord):
     prisms_alone: bool = False
     lasers_alone: bool = False
     reach: Callable[..., float] | None = None
+    compares_cells: bool = False
 
     def __post_init__(self) -> None:
         """Check the names, which become variables of the dataset.

@@ -42,6 +42,7 @@ from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import FloorJudge
+from ambinav.maps.part import is_part
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
@@ -123,7 +124,7 @@ class _Update:
         spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
         before = Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
         after = Frame.of(*Lattice.axes(env, spacing), spacing)
-        if before.around(Frame.of(*Lattice.axes(amap.environment, spacing), spacing)) != before:
+        if is_part(amap):
             raise InputError(
                 f"{env.name}: the map is a part of its building and cannot be updated; open it "
                 "without bounds, or build the map of the changed building."

@@ -16,6 +16,7 @@ import xarray as xr
 import yaml
 
 from ambinav.maps.address import ROOT, Address, reason_of
+from ambinav.maps.schema import REQUIRED_ATTRS
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import holding_interrupts, replacing
 from ambinav.runtime.input_suggestions import kind_of, kind_of_path, refuse
@@ -117,20 +118,14 @@ def check_target(address: Address) -> None:
     path = address.folder
     if path is None:
         address.check_writable()
-        root = address.read(ROOT)
-        if root is not None:
-            if _attributes(address, root).get(UNFINISHED) == TILES:
-                raise InputError(
-                    f"{address}: tiles of a map that is being made are there, and are not "
-                    "replaced; remove them, or choose another output."
-                )
-            return
-        if not address.answered(address.is_empty):
-            raise InputError(_no_map_there(address))
+        if (attributes_there(address) or {}).get(UNFINISHED) == TILES:
+            raise InputError(
+                f"{address}: tiles of a map that is being made are there, and are not "
+                "replaced; remove them, or choose another output."
+            )
         return
     if path.is_dir():
-        if not address.is_empty() and not address.exists(ROOT):
-            raise InputError(_no_map_there(address))
+        attributes_there(address)
     elif path.exists():
         raise InputError(f"{path}: this is a file and is not replaced; choose another output.")
     if path.suffix not in ("", ".zarr"):
@@ -139,8 +134,30 @@ def check_target(address: Address) -> None:
         )
 
 
-def _no_map_there(address: Address) -> str:
-    return (
+def attributes_there(address: Address) -> dict[str, Any] | None:
+    """Return the attributes of the map, finished or not, at an address that is to be written to.
+
+    Returns:
+        None: the place is empty; an empty dictionary: a map was just begun.
+
+    Raises:
+        InputError: something else is there, such as a zarr store of another program.
+    """
+    root = address.read(ROOT)
+    if root is None and address.answered(address.is_empty):
+        return None
+    try:
+        metadata = _metadata(address, root or b"")
+    except InputError:
+        metadata = {}
+    attributes: dict[str, Any] = metadata.get("attributes") or {}
+    if FORMAT_ATTR in attributes or attributes.keys() >= {*REQUIRED_ATTRS}:
+        return attributes
+    # A map begins with a group that has no attributes yet.
+    begun = not attributes and metadata.get("node_type") == "group"
+    if begun and address.answered(address.names) == [ROOT]:
+        return attributes
+    raise InputError(
         f"{address}: this folder is not an ambiguity map and is not replaced; choose another "
         "output, e.g. one that ends in .zarr."
     )
@@ -300,10 +317,6 @@ def _metadata(address: Address, root: bytes) -> dict[str, Any]:
             f"{address}/{ROOT}: the map cannot be read, this is no metadata of zarr; make the map "
             "again."
         ) from error
-
-
-def _attributes(address: Address, root: bytes) -> dict[str, Any]:
-    return _metadata(address, root).get("attributes") or {}
 
 
 def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:

@@ -31,6 +31,10 @@ _NAME: Final = "ambinav-map"
 _LINE: Final = re.compile(rb"ambinav-map ([1-9]\d{0,5}) ([0-9a-f]{64})\n")
 _LONGEST_LINE: Final = 100
 _LONGEST_ABOUT: Final = 100_000_000
+# Attributes that `ambinav store` shows; every map that is built has them.
+_SHOWN: Final = (
+    "environment", "environment_source", "scanner", "parameters", "ambinav_version", "versions",
+)  # fmt: skip
 # Bytes of a variable that are compressed at a time; the compressor takes at most 2 GB.
 _PIECE: Final = 1 << 28
 # Level 1 packs twice as fast as level 0 (3), into as much (benchmarks/results/store-speed.md).
@@ -116,7 +120,9 @@ def read_about(file: BinaryIO) -> About:
     length = int.from_bytes(file.read(8), "big")
     if length > _LONGEST_ABOUT:
         raise DamagedError("its beginning cannot be read")
-    return _about(file.read(length))
+    about = _about(file.read(length))
+    _check_shown(about)
+    return about
 
 
 def read_format(path: Path) -> int:
@@ -208,5 +214,15 @@ def _about(text: bytes) -> About:
         plain = json.loads(text)
         plain["variables"] = [tuple(fields) for fields in plain["variables"]]
         return About(**plain)
+    except (ValueError, TypeError, KeyError) as error:
+        raise DamagedError("its beginning cannot be read") from error
+
+
+def _check_shown(about: About) -> None:
+    """Check the attributes that are shown: a changed bit may leave a header that JSON can read."""
+    try:
+        texts = {name: about.attrs[name] for name in _SHOWN}
+        json.loads(texts["versions"])
+        float(json.loads(texts["parameters"])["spacing"])
     except (ValueError, TypeError, KeyError) as error:
         raise DamagedError("its beginning cannot be read") from error

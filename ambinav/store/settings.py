@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from pathlib import Path
@@ -17,7 +18,9 @@ LIMIT: Final = 5_000_000_000
 """Bytes that kept maps may take where nobody says otherwise: some hundred maps of large floors."""
 
 _UNITS: Final = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
-_SIZE: Final = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]?)B?")
+_SIZE: Final = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]?)(B?)")
+# Less than this without a unit is no number of bytes.
+_BYTES: Final = 10**6
 
 
 def cache_folder() -> Path | None:
@@ -30,15 +33,15 @@ def cache_folder() -> Path | None:
         InputError: the variable is a URL.
     """
     chosen = os.environ.get(VARIABLE)
-    if chosen is not None:
-        if "://" in chosen:
-            raise InputError(
-                f"{VARIABLE} is {chosen!r}, a URL, where nothing can be locked; name a folder, or "
-                "leave it empty to keep no maps."
-            )
-        return Path(chosen) if chosen else None
+    if chosen is not None and "://" in chosen:
+        raise InputError(
+            f"{VARIABLE} is {chosen!r}, a URL, where nothing can be locked; name a folder, or "
+            "leave it empty to keep no maps."
+        )
     base = os.environ.get("XDG_CACHE_HOME")
     try:
+        if chosen is not None:
+            return Path(chosen).expanduser() if chosen else None
         return (Path(base) if base else Path.home() / ".cache") / "ambinav"
     except RuntimeError:  # as in a container whose user nobody has entered
         return None
@@ -61,9 +64,12 @@ def parse_size(text: str, what: str) -> int:
         InputError: it is none; the message begins with `what`.
     """
     match = _SIZE.fullmatch(text.strip())
-    if match is None:
+    size = math.inf if match is None else float(match[1]) * _UNITS[match[2]]
+    if math.isinf(size):
         raise InputError(f"{what}: {text!r} is no size; give e.g. 500 MB or 2 GB.")
-    return round(float(match[1]) * _UNITS[match[2]])
+    if match is not None and not (match[2] or match[3]) and 0.0 < size < _BYTES:
+        raise InputError(f"{what}: {text!r} has no unit; give e.g. {match[1]} GB.")
+    return round(size)
 
 
 def size_text(size: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from ambinav.ambiguity.dataset import judged_radius, with_building
+from ambinav.ambiguity.dataset import judged_radius, labels, with_building
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import MapSettings, reporter
@@ -128,10 +129,7 @@ def run_plan(
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
-                from ambinav.runtime.cluster import do_on_cluster
-
-                checked = SameCode(work, computing_digest())
-                do_on_cluster(queue, checked, scheduler, "--scheduler")
+                _on_cluster(queue, work, scheduler)
             elif workers == 0:
                 do_here(queue, work)
             else:
@@ -139,13 +137,28 @@ def run_plan(
             settings = plan.job.settings
             radius = judged_radius(settings.scanner, settings.model)
             judge = FloorJudge.for_robot(plan.environment, radius)
-            store.finish(_attributes(store, queue.free), judge)
+            store.finish(_attributes(plan, store, queue.free), judge)
     except OSError as error:
         raise InputError(
             f"{output}: the map cannot be written ({reason_of(error)}); what was made is kept: "
             "make room or check your rights, and give the same command again."
         ) from error
     return TiledBuild(output, queue.free, queue.total, queue.made, queue.kept, queue.damaged)
+
+
+def _on_cluster(queue: TileQueue, work: TileWork, scheduler: str) -> None:
+    """Make all tiles on a cluster; see `do_on_cluster`."""
+    from distributed.comm import CommClosedError
+
+    from ambinav.runtime.cluster import do_on_cluster
+
+    try:
+        do_on_cluster(queue, SameCode(work, computing_digest()), scheduler, "--scheduler")
+    except (CommClosedError, ConnectionError, TimeoutError) as error:
+        raise InputError(
+            f"--scheduler {scheduler}: the connection was lost ({reason_of(error)}); what is "
+            "finished is kept, and the same command resumes from there."
+        ) from error
 
 
 def check_place(
@@ -180,7 +193,8 @@ def _store_at(plan: TilePlan, address: Address) -> Iterator[TileStore]:
             yield store
         return
     check_target(address)
-    path = address.folder.absolute()
+    # Through a link, so that the tiles are on the file system of the map.
+    path = Path(os.path.realpath(address.folder))
     part = path.with_name(path.name + PART)
     FOLDER.check(part)
     with FOLDER.hold(part):
@@ -241,8 +255,10 @@ def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) ->
     return TileQueue(plan, report, order(), records.size)
 
 
-def _attributes(store: TileStore, free: int) -> dict[str, Any]:
+def _attributes(plan: TilePlan, store: TileStore, free: int) -> dict[str, Any]:
     attributes = store.attributes()
+    # The template may be of an earlier run, with another file's name.
+    attributes |= labels(plan.environment, plan.job.settings.scanner)
     parameters = json.loads(attributes["parameters"]) | {"free_poses": free}
     return attributes | {
         "parameters": json.dumps(parameters),

@@ -22,10 +22,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.maps import schema
-from ambinav.maps.address import ROOT, Address, reason_of
+from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge
-from ambinav.maps.store import FORMAT, FORMAT_ATTR, TILES, UNFINISHED, finish
+from ambinav.maps.store import (
+    FORMAT,
+    FORMAT_ATTR,
+    TILES,
+    UNFINISHED,
+    attributes_there,
+    finish,
+)
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import holding_interrupts
@@ -100,20 +107,15 @@ class TileStore:
         Raises:
             InputError: something else is there.
         """
-        if not self.address.exists(ROOT):
-            if self.address.is_empty():
-                return None
-            raise InputError(
-                f"{self.address}: this folder is not an ambiguity map and is not replaced; choose "
-                "another output, e.g. one that ends in .zarr."
-            )
+        attributes = attributes_there(self.address)
+        if attributes is None:
+            return None
         import zarr
 
         with contextlib.suppress(FileNotFoundError, KeyError, ValueError):
             group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
             return str(group.attrs[KEY])
-        attributes = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
-        if self.address.is_url and len(attributes) and UNFINISHED not in attributes:
+        if self.address.is_url and attributes and UNFINISHED not in attributes:
             raise InputError(
                 f"{self.address}: a map is there that was not made in tiles, and it is not "
                 "replaced; choose another output."

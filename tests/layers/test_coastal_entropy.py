@@ -321,6 +321,7 @@ def test_quarter_turn_turns_the_layer() -> None:
     np.testing.assert_allclose(turned, np.rot90(found, -1), atol=0.02)
 
 
+@pytest.mark.slow
 def test_headings_and_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     env = scenes.room(3.0, 2.0)
     context = context_of(env, headings=2)

@@ -50,6 +50,23 @@ def test_angles_are_not_averaged_across_their_end() -> None:
     np.testing.assert_allclose(np.abs(mean[context.free]), math.pi, atol=1e-5)
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_a_part_of_a_map_gets_no_layers_that_compare_cells(
+    laser: RangeScanner, tmp_path: Path, given: bool
+) -> None:
+    room = scenes.room(4.0, 2.0)
+    whole = build_map(room, laser, 0.2, store=False)
+    whole.save(tmp_path / "map.zarr")
+    part = AmbiguityMap.open(tmp_path / "map.zarr", bounds=(1.0, 0.5, 3.0, 1.5))
+    environment = room if given else None
+    for names in ("coastal_entropy", ["fisher", "aliasing"]):
+        with pytest.raises(InputError, match=r"part of its building.*for (coastal|alias).*bounds"):
+            with_layers(part, names, environment=environment)
+    ours = with_layers(part, "fisher", environment=environment).dataset["fisher"]
+    theirs = with_layers(whole, "fisher", environment=environment).dataset["fisher"]
+    np.testing.assert_array_equal(ours, theirs.sel(x=ours["x"], y=ours["y"]))
+
+
 def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(
     laser: RangeScanner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -210,6 +210,7 @@ def explained_by_permutation(
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Optimal rotation is not uniquely")
 @settings(max_examples=12)
 @given(

@@ -118,6 +118,7 @@ def test_a_map_is_saved_where_it_is_still_being_read_from(url: str) -> None:
     assert np.nanmin(again["own"]) >= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["folder", "url"])
 def test_a_map_that_is_replaced_while_it_is_read_is_read_again(
     url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
@@ -158,6 +159,15 @@ def test_only_maps_are_replaced(url: str) -> None:
     with pytest.raises(InputError, match="not an ambiguity map and is not replaced"):
         AmbiguityMap(synthetic.dataset()).save(url)
     assert files(url) == {"thesis.tex": b"years"}
+
+
+def test_a_store_of_another_program_is_not_replaced(url: str) -> None:
+    other = xr.Dataset({"temperature": ("t", np.arange(5.0))}, attrs={"title": "temperatures"})
+    other.to_zarr(url, zarr_format=3, consolidated=False)
+    before = files(url)
+    with pytest.raises(InputError, match="not an ambiguity map and is not replaced"):
+        AmbiguityMap(synthetic.dataset()).save(url)
+    assert files(url) == before
 
 
 def test_a_map_that_was_not_written_to_its_end_is_no_map(

@@ -81,6 +81,26 @@ def test_only_maps_are_replaced(tmp_path):
     assert AmbiguityMap.open(tmp_path / "empty").dataset.identical(amap.dataset)
 
 
+def test_a_store_of_another_program_is_not_replaced(tmp_path):
+    amap = AmbiguityMap(synthetic.dataset())
+    for name, attrs in (("plain", {}), ("titled", {"title": "temperatures", "scanner": "none"})):
+        other = xr.Dataset({"temperature": ("t", np.arange(5.0))}, attrs=attrs)
+        other.to_zarr(tmp_path / f"{name}.zarr", zarr_format=3, consolidated=False)
+        with pytest.raises(InputError, match=r"not an ambiguity map and is not replaced"):
+            amap.save(tmp_path / f"{name}.zarr")
+        with xr.open_zarr(tmp_path / f"{name}.zarr", chunks=None, consolidated=False) as kept:
+            assert kept.identical(other)
+
+
+def test_older_and_begun_maps_are_replaced(tmp_path):
+    amap = AmbiguityMap(synthetic.dataset())
+    synthetic.dataset().to_zarr(tmp_path / "old.zarr", zarr_format=3, consolidated=False)
+    xr.Dataset().to_zarr(tmp_path / "begun.zarr", zarr_format=3, consolidated=False)
+    for name in ("old", "begun"):
+        amap.save(tmp_path / f"{name}.zarr")
+        assert AmbiguityMap.open(tmp_path / f"{name}.zarr").dataset.identical(amap.dataset)
+
+
 def test_open_names_what_is_missing(tmp_path):
     with pytest.raises(InputError, match="no such map"):
         AmbiguityMap.open(tmp_path / "none.zarr")

@@ -111,8 +111,17 @@ def test_another_map_under_this_name() -> None:
         entry.check_whole(packed(small()), "f" * 32)
 
 
+@pytest.mark.parametrize("name", [b'"environment_source"', b'"versions"', rb"\"spacing\""])
+def test_a_header_without_what_is_shown_is_damaged(name: bytes) -> None:
+    content = packed(synthetic.dataset())
+    assert content.count(name) == 1
+    changed = content.replace(name, name.replace(b"s", b"r"))
+    with pytest.raises(entry.DamagedError, match="its beginning cannot be read"):
+        entry.read_about(io.BytesIO(changed))
+
+
 def test_the_beginning_of_a_damaged_file_does_no_harm() -> None:
-    content = packed(small())
+    content = packed(synthetic.dataset())
     rng = np.random.default_rng(6)
     for _ in range(300):
         changed = bytearray(content)

@@ -50,6 +50,7 @@ def test_what_was_built_is_opened(store, computes, options) -> None:
     assert names(store) == [the_map(store).name]
 
 
+@pytest.mark.slow
 def test_every_input_counts(store, computes) -> None:
     inputs = (
         {}, {"env": room(4.1)}, {"spacing": 0.2}, {"radius": 0.6}, {"headings": 1},

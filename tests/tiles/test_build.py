@@ -121,6 +121,7 @@ def test_a_damaged_tile_is_made_again(reference: Path, tmp_path: Path) -> None:
     assert content(path) == content(reference)
 
 
+@pytest.mark.slow
 def test_other_tiles_are_neither_taken_nor_removed(tmp_path: Path) -> None:
     with pytest.raises(Ended):
         built(tmp_path / "a.zarr", progress=ending(0.3))

@@ -202,6 +202,7 @@ LAYER = Layer(
     source="own, from the indistinguishability of scans: docs/layers.md",
     worse="high",
     compute=compute,
+    compares_cells=True,
     in_space=True,
     companions={
         "aliasing_area": ("floor farther than R that gives the same scan", "m^2"),
