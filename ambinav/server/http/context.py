@@ -206,7 +206,7 @@ class Context:
             try:
                 await self.plans.run(warm_up_plan(served, path, place, weights))
             except Problem as problem:
-                if problem.status == 503:
+                if problem.status_code == 503:
                     raise
                 # No robot fits, say; the process has begun all the same.
                 _log.warning("plans are not prepared: %s", problem.detail)
