@@ -37,6 +37,7 @@ def do_on_cluster(
     """
     threads_of(address, option)
     from distributed import Client, KilledWorker, wait
+    from distributed.comm import CommClosedError
 
     client = Client(address, timeout=PATIENCE, set_as_default=False)
     outstanding: dict[Any, Task] = {}
@@ -67,7 +68,7 @@ def do_on_cluster(
                     queue.lost(task, often=True)
                 else:
                     queue.give(done)
-    except CancelledError as error:
+    except (CancelledError, CommClosedError, ConnectionError, TimeoutError) as error:
         raise InputError(
             f"{option} {address}: it was lost; what is finished is kept, and the same command "
             "resumes from there."

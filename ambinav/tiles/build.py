@@ -129,7 +129,10 @@ def run_plan(
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
-                _on_cluster(queue, work, scheduler)
+                from ambinav.runtime.cluster import do_on_cluster
+
+                checked = SameCode(work, computing_digest())
+                do_on_cluster(queue, checked, scheduler, "--scheduler")
             elif workers == 0:
                 do_here(queue, work)
             else:
@@ -144,21 +147,6 @@ def run_plan(
             "make room or check your rights, and give the same command again."
         ) from error
     return TiledBuild(output, queue.free, queue.total, queue.made, queue.kept, queue.damaged)
-
-
-def _on_cluster(queue: TileQueue, work: TileWork, scheduler: str) -> None:
-    """Make all tiles on a cluster; see `do_on_cluster`."""
-    from distributed.comm import CommClosedError
-
-    from ambinav.runtime.cluster import do_on_cluster
-
-    try:
-        do_on_cluster(queue, SameCode(work, computing_digest()), scheduler, "--scheduler")
-    except (CommClosedError, ConnectionError, TimeoutError) as error:
-        raise InputError(
-            f"--scheduler {scheduler}: the connection was lost ({reason_of(error)}); what is "
-            "finished is kept, and the same command resumes from there."
-        ) from error
 
 
 def check_place(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import fsspec
 import numpy as np
@@ -95,6 +96,7 @@ def test_a_lost_cluster_is_named(
         raise error("in <TCP (closed)>: Stream is closed")
 
     monkeypatch.setattr(cluster, "threads_of", lambda *_: 1)
-    monkeypatch.setattr(cluster, "do_on_cluster", lost)
-    with pytest.raises(InputError, match=rf"--scheduler tcp://a:1: the connection.*{kind}.*kept"):
+    monkeypatch.setattr(cluster, "_await_workers", lost)
+    monkeypatch.setattr("distributed.Client", MagicMock())
+    with pytest.raises(InputError, match="--scheduler tcp://a:1: it was lost; what is finished"):
         built(tmp_path / "a.zarr", scheduler="tcp://a:1")
