@@ -141,5 +141,5 @@ def test_bad_input_is_refused() -> None:
         information_gain(env, LASER, poses, np.diag([1.0, 0.0, 1.0]))
     with pytest.raises(InputError, match="no scanner is given"):
         information_gain(env, None, poses, PRIOR)
-    with pytest.raises(InputError, match="covariance and seen"):
+    with pytest.raises(InputError, match="seen has the shape"):
         information_gain(env, LASER, poses, PRIOR, seen=[True])
