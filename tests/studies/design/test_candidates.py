@@ -10,7 +10,7 @@ import shapely
 from scipy import ndimage
 
 from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.geometry.collision.reach import find_reach, room_for
+from ambinav.geometry.collision.reach import find_reach, reach_of, room_for
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
@@ -144,3 +144,40 @@ def test_no_place_is_said() -> None:
     env = building()
     with pytest.raises(InputError, match="nothing can help"):
         Positions(env, PlaceRules(), np.empty((0, 2)), 4.0, room_for(env, 0.2))
+
+
+def test_a_corridor_narrower_than_the_passage_stays_open_for_the_robot() -> None:
+    halls = [shapely.box(-3, -2, 0, 2), shapely.box(0, 0, 14, 0.8), shapely.box(14, -2, 17, 2.5)]
+    env, bad = environment_from_shapes(halls), np.array([[2.0, 0.4], [7.0, 0.4], [12.0, 0.4]])
+    reach, rules = find_reach(env, 0.2), PlaceRules(kind="panel", most=20)
+    least = {}
+    for radius in (0.0, reach.radius):
+        places, _ = Positions(env, rules, bad, 4.0, reach.floor, robot_radius=radius).spread()
+        edited = [env.edited(add=[place.obstacle]) for place in places]
+        least[radius] = min(reach_of(each, 0.2).floor.area for each in edited)
+    assert least[0.0] < reach.floor.area - 5.0
+    assert least[reach.radius] > reach.floor.area - 0.6
+
+
+@pytest.mark.parametrize("kind", ["post", "panel", "tag"])
+def test_few_candidates_are_some(kind: str) -> None:
+    env, floor = environment_from_shapes([shapely.box(0, 0, 12, 12)]), shapely.box(1, 1, 11, 11)
+    bad = np.array([[4.0, 4.0], [8.0, 4.0], [4.0, 8.0], [8.0, 8.0]])
+    for most in (1, 2, 3, 5, 10):
+        rules = PlaceRules(kind=kind, most=most, on_walls=kind == "tag")
+        places, _ = Positions(env, rules, bad, 4.0, floor).spread()
+        assert 1 <= len(places) <= most
+
+
+def test_more_pillars_than_candidates_have_candidates_on_some() -> None:
+    pillars = [
+        shapely.box(x, y, x + 1.5, y + 1.5) for x in range(2, 60, 4) for y in range(2, 60, 4)
+    ]
+    env = environment_from_shapes([shapely.box(0, 0, 62, 62)], obstacles=pillars)
+    bad = np.stack(np.meshgrid(np.arange(1.0, 62, 2), np.arange(1.0, 62, 2)), axis=-1).reshape(
+        -1, 2
+    )
+    rules = PlaceRules(kind="tag", width=0.3, most=200)
+    places, _ = Positions(env, rules, bad, 10.0, env.free).spread_evenly(200)
+    on_pillars = [min(x, y, 62 - x, 62 - y) > 1.0 for x, y in (each.middle for each in places)]
+    assert 100 <= len(places) <= 200 and sum(on_pillars) > 60

@@ -150,7 +150,8 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
 def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
     """Return another scanner where a scanner is mounted; as it is unless both are single fans.
 
-    One that has a place of its own off the robot's centre stays there. One on the floor, whose file
+    It looks as far aside from there as it does from the centre. One that has a place of its own off
+    the robot's centre stays there. One on the floor, whose file
     gives no height, is raised to the height of the first.
     """
     height = float(scanner.upright[:, 0].min())
@@ -163,4 +164,6 @@ def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
         return other
     if any(part.layout.mount[:2]):
         return other
-    return replace(other, parts=(replace(part, layout=part.layout.moved(*place.mount[:2])),))
+    x, y, yaw = place.mount
+    layout = replace(part.layout, mount=(x, y, yaw + part.layout.mount[2]))
+    return replace(other, parts=(replace(part, layout=layout),))

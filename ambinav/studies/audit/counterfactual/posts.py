@@ -107,7 +107,9 @@ def find_posts(
     lines = [shapely.LineString(path) for path in ([] if trips is None else trips.paths)]
 
     try:
-        positions = Positions(environment, rules, points, scanner.max_range, reach.floor, lines)
+        positions = Positions(
+            environment, rules, points, scanner.max_range, reach.floor, lines, None, reach.radius
+        )
         every, _ = positions.spread_evenly(CANDIDATES)
     except InputError as error:
         return PostSearch(count, rules, None, str(error))

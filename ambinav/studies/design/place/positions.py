@@ -41,6 +41,7 @@ class Positions:
         floor: Floor that the robot reaches; free-standing obstacles stand on it.
         routes: Lines that half of the passage is kept clear of on both sides.
         keep_out: Polygons that no obstacle may touch; None: there are none.
+        robot_radius: Radius of the robot, metres, for which narrower passages stay open too.
 
     Raises:
         InputError: no floor is bad.
@@ -55,6 +56,7 @@ class Positions:
         floor: BaseGeometry,
         routes: Sequence[BaseGeometry] = (),
         keep_out: BaseGeometry | None = None,
+        robot_radius: float = 0.0,
     ) -> None:
         if not len(bad):
             raise InputError(
@@ -63,12 +65,15 @@ class Positions:
             )
         self.rules = rules
         self._name, self._zones = environment.name, keep_out is not None
-        self._passages = Passages(environment, rules.min_passage)
+        widths = {rules.min_passage, min(2.0 * robot_radius, rules.min_passage)} - {0.0}
+        wide, *_ = self._passages = [
+            Passages(environment, width) for width in sorted(widths, reverse=True)
+        ]
         self._lines = shapely.MultiLineString(list(routes))
         self._kept_out = shapely.Polygon() if keep_out is None else keep_out
         shapely.prepare([self._lines, self._kept_out])
         self._bad, self._sight = cKDTree(bad), sight
-        self._sites = Sites(environment, rules, floor, self._passages.wide)
+        self._sites = Sites(environment, rules, floor, wide.wide)
 
     def spread(self) -> tuple[tuple[Candidate, ...], float]:
         """Return candidates all over the building, and the distance between them, metres.
@@ -138,20 +143,35 @@ class Positions:
         self, most: int, wanted: Callable[[Points], Mask]
     ) -> tuple[tuple[Candidate, ...], float]:
         """Return at most `most` candidates at wanted points, and the distance between them."""
-        step = STEP
+        step = dense = STEP
         # Counted before they are created, since most are too close to each other.
         while sum(counts := self._sites.counts(step, wanted)) > MANY * most:
+            dense = step
             step *= _step_factor(*counts, MANY * most)
         while True:
-            seen = [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
+            seen = self._clear(step, wanted)
             # Checking passages takes longest.
             if len(seen) > MANY * most:
+                dense = step
                 step *= _step_factor(*_count_by_kind(seen), MANY * most)
                 continue
             allowed = [each for each in seen if self._stays_open(each)]
-            if len(allowed) <= most:
+            if len(allowed) > most:
+                dense = step
+                step *= _step_factor(*_count_by_kind(allowed), most)
+                continue
+            if allowed or dense == step:
                 return tuple(allowed), step
-            step *= _step_factor(*_count_by_kind(allowed), most)
+            # So far apart none is left: some of those that were closer.
+            seen = self._clear(dense, wanted)
+            for nth in (max(len(seen) // (MANY * most), 1), 1):
+                allowed = [each for each in seen[::nth] if self._stays_open(each)]
+                if allowed:
+                    break
+            return tuple(allowed[:: math.ceil(len(allowed) / most) or 1]), step
+
+    def _clear(self, step: float, wanted: Callable[[Points], Mask]) -> list[Candidate]:
+        return [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
 
     def _bad_in_range(self, points: Points) -> NDArray[np.int64]:
         """Count the bad floor within the scanner's range of points, shape (N,)."""
@@ -176,7 +196,8 @@ class Positions:
         )
 
     def _stays_open(self, candidate: Candidate) -> bool:
-        return self._passages.stays(candidate.obstacle.outline, candidate.on_wall)
+        outline = candidate.obstacle.outline
+        return all(passages.stays(outline, candidate.on_wall) for passages in self._passages)
 
 
 def _count_by_kind(placed: Sequence[Candidate]) -> tuple[int, int]:

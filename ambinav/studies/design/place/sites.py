@@ -30,6 +30,8 @@ TAG_THICKNESS: Final = 0.02
 """Thickness of a tag, metres: half of it stands out of the wall."""
 TURNS: Final = 4
 """Directions in which a free-standing panel is tried, evenly over half a turn."""
+GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
+"""Multiples of this, less their whole parts, are spread evenly between 0 and 1."""
 FLAT: Final = 0.015
 """A wall is flat enough for a tag that lies so near to it everywhere, metres."""
 
@@ -68,8 +70,8 @@ class Sites:
         if self.rules.on_walls:
             rings = [
                 _points_at(ring, along)
-                for ring in self.rings
-                if len(along := _distances_along(ring, step))
+                for number, ring in enumerate(self.rings)
+                if len(along := _distances_along(ring, step, number))
             ]
             on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
         if self.rules.free_standing and self.rules.kind != "tag":
@@ -90,18 +92,16 @@ class Sites:
             window: xmin, ymin, xmax and ymax, metres, outside of which none is; None: unknown.
         """
         if self.rules.on_walls:
-            near = self.rings
-            if window is not None:
-                near = [ring for ring in near if shapely.intersects(shapely.box(*window), ring)]
-            for ring in near:
-                yield from self._beside(ring, step, wanted)
+            for number, ring in enumerate(self.rings):
+                if window is None or shapely.intersects(shapely.box(*window), ring):
+                    along = _distances_along(ring, step, number)
+                    yield from self._beside(ring, along, wanted)
         if self.rules.free_standing and self.rules.kind != "tag":
             yield from self._on_floor(step, wanted, window)
 
     def _beside(
-        self, ring: shapely.LinearRing, step: float, wanted: Callable[[Points], Mask]
+        self, ring: shapely.LinearRing, along: Points, wanted: Callable[[Points], Mask]
     ) -> Iterator[Candidate]:
-        along = _distances_along(ring, step)
         if not len(along):
             return
         at = _points_at(ring, along)
@@ -199,10 +199,18 @@ def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
     return [turned.exterior, *turned.interiors]
 
 
-def _distances_along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
-    """Return distances along a ring about `step` metres apart, metres; empty for a short ring."""
-    count = int(ring.length / step)
-    return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
+def _distances_along(ring: shapely.LinearRing, step: float, number: int) -> Points:
+    """Return distances along a ring about `step` metres apart, metres.
+
+    Of many short rings (equal pillars, say) some have a point, evenly over their numbers, and each
+    at another place: half round a rectangle is always a corner.
+    """
+    whole = ring.length / step
+    count, phase = int(whole), 0.5
+    if count < 3:
+        count += int((number + 1) * GOLDEN % 1.0 < whole % 1.0)
+        phase = (number + 1) * math.sqrt(2.0) % 1.0
+    return np.asarray((np.arange(count) + phase) * (ring.length / max(count, 1)))
 
 
 def _points_at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:

@@ -163,7 +163,9 @@ def place_obstacles(
         for region in regions
         if region.route is not None
     ]
-    positions = Positions(environment, rules, bad, scanner.max_range, reach.floor, lines, keep_out)
+    positions = Positions(
+        environment, rules, bad, scanner.max_range, reach.floor, lines, keep_out, reach.radius
+    )
     allowed, step = positions.spread()
     if len(allowed) < count:
         raise InputError(

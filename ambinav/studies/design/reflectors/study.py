@@ -229,7 +229,9 @@ def _candidates(
     """Return places within range of floor where the robot cannot navigate yet."""
     points = np.column_stack(site.lattice.points)[wanting]
     far = site.rules.max_range or site.scanner.max_range
-    allowed = Positions(site.environment, positions, points, far, reach.floor, keep_out=keep_out)
+    allowed = Positions(
+        site.environment, positions, points, far, reach.floor, (), keep_out, reach.radius
+    )
     return allowed.spread_evenly(positions.most)[0]
 
 

@@ -273,8 +273,8 @@ class ChangeSearch:
         trials, reasons = search.try_places(self.report)
         self.reasons += reasons.values()
         untried = [reasons[kind] for kind in reasons if kind != "tag" or hardware.reads_tags]
-        is_present = hardware is self.with_nothing.hardware
-        if untried and not trials and is_present and self.terms.keep_out is not None:
+        is_only = len(self.tried) == 1
+        if untried and not trials and is_only and self.terms.keep_out is not None:
             raise InputError(untried[-1])
         if not trials:
             return {}

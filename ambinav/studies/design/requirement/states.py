@@ -208,7 +208,7 @@ class ObstacleSearch:
             try:
                 positions = Positions(
                     self.environment, rule, bad, scanner.max_range, self.terms.reach.floor,
-                    lines, keep_out=self.terms.keep_out,
+                    lines, self.terms.keep_out, self.terms.reach.radius,
                 )  # fmt: skip
                 allowed, _ = positions.spread()
             except InputError as error:
