@@ -57,6 +57,10 @@ BAD = {
     "time and weight": (["--minimise", "time", "-w", "2"], "--weight is not for --minimise time"),
     "time and layer": (["--minimise", "time", "--layer", "major"], "--layer is not for --minimise"),
     "time and front": (["--minimise", "time", "--pareto"], "--pareto is not for --minimise time"),
+    "time and bad metres": (
+        ["--minimise", "time", "--max-bad-metres", "3"],
+        "--max-bad-metres is not",
+    ),
     "time and promise": (["--minimise", "time", "--max-lost", "0.1"], "--max-lost is not for"),
     "unused creep": (["--creep-speed", "0.1"], "--creep-speed is for --stop-sigmas"),
     "time 0": (["--time", "0"], "--time: 0"),

@@ -25,7 +25,7 @@ def levels_of(label: str, value: object) -> tuple[str, ...]:
     if isinstance(value, str):
         return tuple(dict.fromkeys(p.strip() for p in value.split(";") if p.strip()))
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return (f"{value:g}",)
+        return (f"{value:.15g}",)
     raise InputError(
         f"{label}: level is {reprlib.repr(value)}; it must be the name or number of a floor."
     )

@@ -150,7 +150,7 @@ class PlanCall:
         self.mission.check(self.robot, promise, result)
         self.graph.check(search, self.robot, promise, result, self.limits, self.output)
         self.forecast.check()
-        self.speed.check(search, cost, promise, result)
+        self.speed.check(search, cost, promise, result, self.limits)
         result.check(self.output)
 
     def _planners(self, amap: AmbiguityMap) -> list[RoutePlanner]:

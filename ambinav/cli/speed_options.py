@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from ambinav.cli.checks import conflict
-from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions
+from ambinav.cli.plan_options import CostOptions, LimitOptions, ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import above_zero, not_negative
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
@@ -72,6 +72,7 @@ class SpeedOptions:
         cost: CostOptions,
         promise: PromiseOptions,
         result: ResultOptions,
+        limits: LimitOptions,
     ) -> None:
         """Refuse numbers that are no limits, and options that contradict minimum time.
 
@@ -87,6 +88,7 @@ class SpeedOptions:
             ("--prefer", cost.prefer is not None),
             ("--max-lost", promise.plans),
             ("--pareto", result.pareto),
+            ("--max-bad-metres", limits.max_bad_metres is not None),
             ("--planner belief", search.has_belief),
         ):
             conflict(option, given and self.least_time, "is not for --minimise time")

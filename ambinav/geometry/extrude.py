@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ambinav.casting.prisms.prisms import Prisms
+from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
 
@@ -23,6 +24,7 @@ def extruded(environment: Environment, height: float, floor: float = 0.0) -> Pri
     Raises:
         InputError: the height is no positive number, or the floor no finite one.
     """
+    height = as_number(height, "height")
     if not height > 0.0:
         raise InputError(f"height is {height}; give a positive number of metres.")
     xy = environment.segments.xy

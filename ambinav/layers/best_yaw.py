@@ -64,6 +64,8 @@ def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np
     nowhere = count == 0
     lowest = np.where(nowhere, np.nan, least)
     angle = (turns[best] + axis(context.full_scanner)) % (2.0 * math.pi)
+    # Single precision would make a whole turn of what is hardly less.
+    angle = np.where(angle.astype(np.float32) >= 2.0 * math.pi, 0.0, angle)
     return {
         "best_yaw": context.spread(lowest),
         "best_yaw_angle": context.spread(np.where(nowhere, np.nan, angle)),

@@ -200,7 +200,8 @@ def _mean(context: LayerContext, name: str, values: Values) -> Values:
     floor, where = values[cells].astype(np.float64), context.possible[standable]
     if schema.is_axis(name):
         double = np.exp(2j * floor).mean(axis=1, where=where)
-        full[cells] = np.mod(0.5 * np.angle(double), np.pi)
+        mean = np.mod(0.5 * np.angle(double), np.pi).astype(np.float32)
+        full[cells] = np.where(mean >= np.pi, 0.0, mean)
     elif schema.is_angle(name):
         full[cells] = np.angle(np.exp(1j * floor).mean(axis=1, where=where))
     else:

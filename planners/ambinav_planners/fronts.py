@@ -67,7 +67,9 @@ def pareto(
     ordered = sorted(set(weights))
     if len(ordered) < 2:
         raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")
-    planner_name = planner_name_or_default(planner_name, robot.checker, iterations)
+    planner_name = planner_name_or_default(
+        planner_name, robot.checker, iterations, keeps_lanes=robot.one_way is not None
+    )
     chosen = planner(planner_name)
     budget = Budget(seconds, iterations, seed)
     problems = [robot.problem(start, goal, weight) for weight in ordered]

@@ -200,7 +200,9 @@ class RoutePlanner:
             raise InputError(
                 f"planner is {planner_name!r}, which does not follow a route graph; leave it out."
             )
-        name = planner_name_or_default(planner_name, self.checker, iterations)
+        name = planner_name_or_default(
+            planner_name, self.checker, iterations, keeps_lanes=self.one_way is not None
+        )
         chosen = planner(name) if graph is None else graph.planner
         problem = self.problem(start, goal, weight)
         on_path = None if on_route is None else _reports(problem, chosen.name, seed, on_route)
@@ -229,23 +231,32 @@ class RoutePlanner:
         return finish(chosen, problem, result, seed, improved=improved, on_path=on_path)
 
 
-def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
+def default_planner(
+    checker: CollisionChecker, iterations: int | None = None, *, keeps_lanes: bool = False
+) -> str:
     """Return the planner used when none is named, or `AUTO`.
 
     The lattice reference for a disc that moves in straight lines: on maps of every size, with and
     without a limit of bad metres, none was cheaper (`benchmarks/results/planners.md`). PRM* for all
     other robots, where no other was cheaper more often than dearer by more than chance, and where a
-    number of iterations is given.
+    number of iterations is given. One-way lanes are kept by the reference alone.
     """
-    simple = checker.steering.space == "r2" and checker.footprint.is_disc
-    return "reference" if simple and iterations is None else "prmstar"
+    simple = checker.footprint.is_disc and iterations is None
+    is_reference = checker.steering.space == "r2" and (simple or keeps_lanes)
+    return "reference" if is_reference else "prmstar"
 
 
 def planner_name_or_default(
-    name: str | None, checker: CollisionChecker, iterations: int | None = None
+    name: str | None,
+    checker: CollisionChecker,
+    iterations: int | None = None,
+    *,
+    keeps_lanes: bool = False,
 ) -> str:
     """Return a planner's name; for None and `AUTO` that of `default_planner`."""
-    return default_planner(checker, iterations) if name is None or name == AUTO else name
+    if name is not None and name != AUTO:
+        return name
+    return default_planner(checker, iterations, keeps_lanes=keeps_lanes)
 
 
 def plan(

@@ -128,7 +128,9 @@ def route_within(
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
     rng = np.random.default_rng(seed) if rng is None else rng
     trials = _Trials(forecaster, max_lost, runner, rng, runs)
-    chosen = planner_name_or_default(planner_name, robot.checker, iterations)
+    chosen = planner_name_or_default(
+        planner_name, robot.checker, iterations, keeps_lanes=robot.one_way is not None
+    )
     if chosen == "reference":
         # Most often the shortest route will do, and its search alone is quick.
         shortest = robot.plan(start, goal, planner_name=chosen, weight=0.0, improved=improved)

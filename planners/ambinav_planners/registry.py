@@ -202,9 +202,12 @@ def check_suits(chosen: Planner, problem: Problem, budget: Budget) -> None:
             f"planner {chosen.name!r} cannot keep a limit on metres in a row; give one of {able}."
         )
     if problem.one_way is not None and (chosen.name != "reference" or problem.limit is not None):
+        remedy = "leave the limit on bad metres in a row out"
+        if chosen.name != "reference":
+            remedy = "give that planner" if space == "r2" else "give the space r2"
         raise InputError(
-            "one-way lanes are kept by the planner 'reference' alone, without a limit on bad "
-            "metres in a row; leave the planner and the limit out, or the lanes."
+            f"one-way lanes are kept by the planner 'reference' in r2 alone; {remedy}, or leave "
+            "the lanes out."
         )
     if space == "r2" and problem.service.has_headings and not chosen.one_way:
         able = ", ".join(sorted(p.name for p in planners().values() if p.one_way))

@@ -59,6 +59,12 @@ def test_a_level_by_name_or_position(tmp_path: Path, names: Any, level: Any, k: 
     assert env.name.startswith("house ")
 
 
+def test_levels_of_many_digits_are_not_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"1000001.*1000002"):
+        load(tmp_path, *floors(1000001, 1000002))
+    assert load(tmp_path, *floors(1000001, 1000002), level=1000002).free.area > 0.0
+
+
 def test_one_level_needs_no_choice(tmp_path: Path) -> None:
     env = load(tmp_path, *floors("EG"))
     assert env.free.area == pytest.approx(area(0)) and env.name == "house"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 import ambinav as an
 from ambinav.layers.best_yaw import axis
@@ -42,6 +43,14 @@ def test_it_is_the_best_heading_of_the_map() -> None:
         # Where two headings are as good, either may be told.
         told = (np.sort(found["level"], axis=2)[..., 1] - found["level_best"]) > 1e-5
         assert apart[np.asarray(told)].max() < 1e-5
+
+
+def test_angles_are_less_than_a_turn() -> None:
+    """Where the best direction is the fan's own, rounding is on either side of 0."""
+    env = an.environment_from_shapes([shapely.box(0.013, 0.017, 12.013, 1.617)])
+    amap = an.build_map(env, fan(90, 15), 0.4, layers=["best_yaw"], store=False)
+    angle = amap.dataset["best_yaw_angle"].values
+    assert np.nanmin(angle) == 0.0 and np.nanmax(angle) < 2.0 * math.pi
 
 
 @pytest.mark.slow

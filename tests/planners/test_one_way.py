@@ -14,6 +14,7 @@ import shapely
 from shapely import affinity
 
 import ambinav as an
+from ambinav.geometry.footprint import Footprint
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.fronts import pareto
@@ -82,6 +83,15 @@ def test_a_goal_in_a_lane_is_reached_along_its_edge() -> None:
     route = robot.plan(start, goal)
     assert lanes.allow(route.poses)
     assert route.length == pytest.approx(math.dist(start, corner) + 0.3, rel=0.002)
+
+
+def test_lanes_choose_the_planner_that_keeps_them(demo: AmbiguityService) -> None:
+    lanes = OneWayLanes.of([SOUTH], [0.0])
+    square = Footprint.polygon([(-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)])
+    robot = RoutePlanner(demo, one_way=lanes, footprint=square)
+    assert robot.plan((12.0, 13.0), (14.0, 13.0), weight=0.0).planner == "reference"
+    with pytest.raises(InputError, match="in r2 alone; give the space r2, or leave the lanes out"):
+        RoutePlanner(demo, one_way=lanes, space="se2").plan((12.0, 13.0, 0.0), (14.0, 13.0, 0.0))
 
 
 def test_slanted_lanes(demo: AmbiguityService) -> None:
@@ -157,9 +167,9 @@ def test_directions_that_are_none(degrees: Any) -> None:
 def test_what_cannot_keep_lanes(demo: AmbiguityService) -> None:
     lanes = OneWayLanes.of([shapely.box(10, 11, 28, 14)], [90.0])
     robot = RoutePlanner(demo, one_way=lanes, max_bad_metres=5.0)
-    with pytest.raises(InputError, match="kept by the planner 'reference' alone"):
+    with pytest.raises(InputError, match="in r2 alone; leave the limit on bad metres in a row out"):
         robot.plan(EAST, WEST)
-    with pytest.raises(InputError, match="kept by the planner 'reference' alone"):
+    with pytest.raises(InputError, match="in r2 alone; give that planner"):
         RoutePlanner(demo, one_way=lanes).plan(EAST, WEST, planner_name="prmstar")
     with pytest.raises(NotFoundError, match="goes against no one-way lane"):
         RoutePlanner(demo, one_way=OneWayLanes.of([shapely.box(0, 0, 45, 29)], [180.0])).plan(

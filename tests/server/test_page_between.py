@@ -8,8 +8,11 @@ from typing import Any
 
 import pytest
 
-from tests.server.test_page import at, visit
-from tests.server.test_page_edits import shown, tool
+from ambinav.server.access import Access
+from ambinav.server.http.app import create_app
+from tests.server.live import running
+from tests.server.test_page import WAIT, at, visit
+from tests.server.test_page_edits import number, shown, tool
 
 pytestmark = pytest.mark.slow
 
@@ -70,3 +73,69 @@ def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> Non
     )
     texts = cards.all_inner_texts()
     assert "Shortest" in texts[0] and "Weight 5" in texts[1]
+
+
+def test_a_map_that_is_chosen_again_has_its_obstacles(page: Any) -> None:
+    """And so have others who share the session."""
+    first, second = at(page, 3.0, 1.6), at(page, 7.0, 1.6)
+    tool(page, "Post")
+    page.mouse.click(*first)
+    shown(page, 1)
+    page.wait_for_function("() => location.search.includes('session=')")
+    session = page.evaluate("() => new URLSearchParams(location.search).get('session')")
+    maps = page.get_by_label("Map", exact=True)
+    maps.select_option("narrow-room")
+    page.wait_for_function("() => !location.search.includes('session=')")
+    maps.select_option("map")
+    shown(page, 1)
+    page.wait_for_function(f"() => location.search.includes('session={session}')")
+    page.get_by_role("tab", name="Edit").click()
+    tool(page, "Post")
+    page.mouse.click(*second)
+    shown(page, 2)
+
+
+def test_the_form_asks_for_a_wall_with_a_length_after_a_post(page: Any) -> None:
+    place = at(page, 3.0, 1.6)
+    tool(page, "Post")
+    page.mouse.click(*place)
+    shown(page, 1)
+    page.get_by_label("Kind of obstacle").select_option(label="Wall")
+    assert float(number(page, "length").input_value()) > 0.0
+
+
+def test_a_heading_of_the_address_is_that_of_the_controls(chromium: Any, live: Any) -> None:
+    page = visit(chromium, f"{live.url}/?map=narrow-room&heading=1.5707963")
+    assert page.locator("input[name=heading][value=one]").is_checked()
+    assert page.locator("#panel-layers input[type=range]").input_value() == "90"
+    assert page.locator("#panel-layers output").inner_text() == "90°"
+    page.context.close()
+
+
+def test_beside_the_map_nothing_is_asked(page: Any) -> None:
+    problems: list[str] = []
+    page.on("pageerror", lambda problem: problems.append(str(problem)))
+    for key in ("ArrowRight", "ArrowUp"):
+        page.locator("#map, .leaflet-container").first.focus()
+        for _ in range(25):
+            page.keyboard.press(key)
+            page.wait_for_timeout(30)
+        page.wait_for_timeout(400)
+    assert problems == []
+
+
+def test_tokens_of_the_address(chromium: Any, plan_map: Any) -> None:
+    """With a plus, added to the address of the open page, wrong, and with letters that none has."""
+    with running(create_app([plan_map], access=Access("a+b/c="))) as live:
+        page = chromium.new_context().new_page()
+        page.set_default_timeout(WAIT)
+        page.goto(live.url)
+        page.get_by_text("This service asks for a token.").wait_for()
+        page.evaluate("() => (location.hash = '#token=東')")
+        page.wait_for_function("() => location.hash === ''")
+        page.get_by_text("This service asks for a token.").wait_for()
+        page.evaluate("() => (location.hash = '#token=wrong')")
+        page.get_by_text("The token is not that of this service.").wait_for()
+        page.evaluate("() => (location.hash = '#token=a+b/c=')")
+        page.locator(".leaflet-container").wait_for()
+        page.context.close()

@@ -14,7 +14,8 @@ ROLES: Final = ("walls", "columns", "glass", "doors", "furniture", "floor", "ign
 # The first that is found in a layer's name, whatever its case: English, German, French, Spanish,
 # Italian, Portuguese, and the abbreviations of the AIA's layer guidelines (A-WALL, A-GLAZ ...).
 _NAMES: Final = {
-    "ignore": r"text|dim|annot|hatch|anno|mass|bema|schraff|cota|roof|dach|ceil|decke",
+    "ignore": r"(?<!kon)text|dim|annot|hatch|(?<![a-z])anno|ma(ss|ß)(?!iv)|bema|schraff|cota|"
+    r"(?<!p)roof|dach(?!geschoss)|ceil|decke",
     "doors": r"door|t(ü|ue)r(en)?(?![a-z])|porte|puerta|porta(?![a-z])",
     "glass": r"glas|glaz|crystal|cristal|vitr|vetro|vidrio|window|fenst|fen[eê]tre|ventana|janela",
     "columns": r"(?<![a-z])col(umn)?s?(?![a-z])|pillar|pilar|st(ü|ue)tze|s(ä|ae)ule|poteau|pilast",

@@ -42,6 +42,8 @@ MOST_VOXELS: Final = 20_000_000
 # Voxels are counted within so many of the first point's, along each axis.
 _REACH: Final = 1 << 20
 _SPAN: Final = 2 * _REACH
+# Numbers of voxels beyond this are no 64-bit integers.
+_FARTHEST: Final = 2.0**62
 # A building that lies farther from the origin is moved to it, metres.
 _FAR: Final = 1000.0
 
@@ -212,6 +214,11 @@ class _VoxelCounter:
             raise InputError(
                 f"{self.path}: the point cloud is {max(size) * self.edge:.4g} m high, more than a "
                 f"building is; say with unit whether its numbers are {', '.join(UNITS)}."
+            )
+        if max(*abs(self.low), *abs(self.high)) >= _FARTHEST:
+            raise InputError(
+                f"{self.path}: its points lie farther from the origin than can be counted; move "
+                "them nearer to it, or leave strays out."
             )
         if max(size) >= _REACH:
             raise InputError(

@@ -22,8 +22,11 @@ Field = tuple[str, str] | tuple[str, str, tuple[int, ...]]
 AT_ONCE: Final = 1_000_000
 """Points that are held at a time."""
 # Lines of text take more time and memory than numbers do.
+_NUMBER: Final = rb"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)"
+_POINT: Final = re.compile(rb"\s*%b(?:[\s,;]+%b){2}(?![^\s,;])" % (_NUMBER, _NUMBER))
 _LINES_AT_ONCE: Final = 200_000
 _LONGEST_HEADER: Final = 1000
+_LONGEST_LINE: Final = 1000
 _PLY_TYPES: Final = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
@@ -162,11 +165,10 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
     """Yield x, y and z, the first three numbers of each line; skip lines before the first."""
     with path.open("rb") as file:
         for line in file:
-            line = line.removeprefix(codecs.BOM_UTF8)
-            first = line.replace(b",", b" ").replace(b";", b" ").split()
-            if first and re.fullmatch(rb"[-+.\d].*", first[0]):
+            line = line.removeprefix(codecs.BOM_UTF8).partition(b"#")[0]
+            if _POINT.match(line):
                 break
-            if first and not re.match(rb"[#/\"a-zA-Z_]", line):
+            if b"\0" in line or len(line) > _LONGEST_LINE:
                 raise InputError(f"{path}: it is no text of numbers; give lines of x, y and z.")
         else:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")

@@ -75,7 +75,7 @@ class EditPool(PlanPool):
 
     work = staticmethod(edits)
     what = "edit"
-    remedy = "the map is too large to be edited on this server"
+    remedy = "the map is too large to be edited on this server, or the machine too busy"
 
     async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         try:

@@ -64,7 +64,8 @@ export class EditForm {
     this.#ask(straight);
     const [x, y] = middle(one);
     const { length, angle } = extent(one);
-    const values = { x, y, length, angle: (angle * 180) / Math.PI, thickness: one.thickness, radius: one.radius };
+    const along = straight ? { length, angle: (angle * 180) / Math.PI } : {};
+    const values = { x, y, ...along, thickness: one.thickness, radius: one.radius };
     for (const [name, value] of Object.entries(values)) this.fields[name].input.value = Number(value.toFixed(3));
     this.fields.bottom.input.value = one.bottom ?? 0;
     this.fields.top.input.value = one.top ?? "";

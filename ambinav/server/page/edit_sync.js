@@ -18,6 +18,8 @@ export class EditSync {
   #step = null;
   #current = null;
   #taken = null;
+  /** Ids of the maps that this page has edited in a session of its own. */
+  #edited = new Set();
 
   /**
    * `show(id, finished)` shows a version of the map; `finished` is false while something is dragged.
@@ -43,18 +45,22 @@ export class EditSync {
     this.#shown = [];
     [this.#step, this.#current] = [null, null];
     this.warm = false;
-    this.store.set({ session: this.isNew ? null : this.session, edited: null, original: false, trouble: null, working: false });
+    this.store.set({ session: this.#hasSession ? this.session : null, edited: null, original: false, trouble: null, working: false });
   }
 
   /** Features that the session of the page's address has in the map; none in a new session. */
   async kept() {
-    if (this.isNew) return [];
+    if (!this.#hasSession) return [];
     try {
       return await this.#ofSession();
     } catch (problem) {
       this.store.set({ trouble: problem.message });
       return [];
     }
+  }
+
+  get #hasSession() {
+    return !this.isNew || this.#edited.has(this.map.id);
   }
 
   /** Step and obstacles of the session, which are those of the page from then on. */
@@ -137,6 +143,7 @@ export class EditSync {
       if (!draft) {
         store.set({ session: this.session });
         this.#step = found.step;
+        this.#edited.add(map.id);
       }
       this.#shown = obstacles;
       const trouble = obstacles === this.#taken ? CHANGED : null;

@@ -52,7 +52,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [], editor
     places = [];
     parts.stage.setAttribute("aria-busy", "true");
     parts.waiting.textContent = "Opening the map …";
-    store.set({ place: null, probe: null, pinned: false, heading: "mean" });
+    store.set({ place: null, probe: null, pinned: false, heading: "mean", theta: 0 });
     if (!short.layers.some(({ name }) => name === store.get("layer"))) store.set({ layer: "zone" });
     await floor.open(short);
     if (mine !== opened) return; // another map was chosen meanwhile

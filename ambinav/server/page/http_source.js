@@ -15,9 +15,11 @@ const EDITED = /maps\/[a-z0-9-]*--[0-9a-f]+(\/|$)/;
 
 /** Take the token from the address once, so that it does not stay there. */
 function takeToken() {
-  const found = new URLSearchParams(location.hash.slice(1)).get("token");
+  // In an address of forms + is a blank; in a token it is a letter.
+  const found = new URLSearchParams(location.hash.slice(1).replaceAll("+", "%2B")).get("token");
   if (found) {
-    sessionStorage.setItem(KEY, found);
+    // No header has other letters, and so no token.
+    if (/^[\x20-\x7e]+$/.test(found)) sessionStorage.setItem(KEY, found);
     history.replaceState(null, "", location.pathname + location.search);
   }
   return sessionStorage.getItem(KEY);

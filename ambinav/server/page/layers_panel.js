@@ -29,6 +29,14 @@ export function layersPanel(element, store, can) {
     const further = radio?.closest("details");
     if (further) further.open = true;
   });
+  store.watch(["heading", "theta", "map"], ({ heading, theta }) => {
+    const slider = element.querySelector("input[type=range]");
+    if (!slider) return;
+    const radio = element.querySelector(`input[name=heading][value=${typeof heading === "number" ? "one" : "mean"}]`);
+    if (radio) radio.checked = true;
+    slider.value = Math.round((theta * 180) / Math.PI);
+    slider.nextElementSibling.textContent = degrees(theta);
+  });
 }
 
 function layerList(map, store) {
@@ -46,20 +54,17 @@ function layerList(map, store) {
 
 function headings(map, store) {
   if (!(map.headings > 1)) return null;
-  const said = h("output", {}, "");
   const slider = h("input", { type: "range", min: 0, max: 359, step: 1, value: 0, "aria-label": "Heading of the robot, degrees",
     oninput: () => turn(Number(slider.value)) });
   const radios = [["mean", "Mean over all headings"], ["one", "One heading"]].map(([value, text]) =>
-    h("label", { class: "line" }, h("input", { type: "radio", name: "heading", value, checked: value === "mean",
+    h("label", { class: "line" }, h("input", { type: "radio", name: "heading", value,
       onchange: () => turn(Number(slider.value)) }), h("span", {}, text)));
   const turn = (angle) => {
     const theta = (angle * Math.PI) / 180;
     const one = !map.fixed_heading && radios[1].firstChild.checked;
     store.set({ theta, heading: one ? theta : "mean" });
-    said.textContent = degrees(theta);
   };
-  said.textContent = "0°";
-  return h("fieldset", {}, h("legend", {}, "Robot's heading"), !map.fixed_heading && radios, h("div", { class: "slider" }, slider, said),
+  return h("fieldset", {}, h("legend", {}, "Robot's heading"), !map.fixed_heading && radios, h("div", { class: "slider" }, slider, h("output", {})),
     h("p", { class: "soft" }, "The scanner does not look all around. The expected scan is drawn at this heading, counter-clockwise from x."));
 }
 

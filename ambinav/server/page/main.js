@@ -11,6 +11,8 @@ import { followView, readView, showView } from "./view_link.js";
 const byId = (id) => document.getElementById(id);
 
 async function start() {
+  // A token that is added to the address of the open page is taken as one that it is opened with.
+  addEventListener("hashchange", () => location.hash.includes("token=") && location.reload());
   applyColours();
   setTheme(currentTheme());
   const source = new HttpSource();
@@ -23,7 +25,9 @@ async function start() {
   try {
     maps = await source.maps();
   } catch (problem) {
-    fail(problem.status === 401 ? "This service asks for a token. Open the page as …/#token=TOKEN." : problem.message);
+    const remedy = "Open the page as …/#token=TOKEN.";
+    const refusal = `${source.token ? "The token is not that of this service." : "This service asks for a token."} ${remedy}`;
+    fail(problem.status === 401 ? refusal : problem.message);
     return;
   }
   if (!maps.length) {

@@ -7,6 +7,8 @@ import { settled } from "./dom.js";
 const MOST_STROKES = 400;
 /** Pixels of the view that a stroke has to itself, at least. */
 const ROOM = 1000;
+/** Of a view beside the map as little is left, metres, or less than nothing. */
+const SLIVER = 0.05;
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** Round label as an icon; its text is said to screen readers by the marker's title. */
@@ -43,9 +45,14 @@ export class Strokes {
     const { leaflet, map, view } = this.floor;
     const { x: width, y: height } = leaflet.getSize();
     const most = Math.max(Math.min(MOST_STROKES, Math.round((width * height) / ROOM)), 20);
+    const box = clip(view, map.bounds);
+    if (box[2] - box[0] < SLIVER || box[3] - box[1] < SLIVER) {
+      this.#lines?.remove();
+      return;
+    }
     let glyphs;
     try {
-      glyphs = await this.source.direction(this.floor.shown, clip(view, map.bounds), most, this.#abort.signal);
+      glyphs = await this.source.direction(this.floor.shown, box, most, this.#abort.signal);
     } catch (problem) {
       if (problem.name === "AbortError") return;
       throw problem;

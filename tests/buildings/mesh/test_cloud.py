@@ -209,7 +209,7 @@ def test_cut_off_files_are_refused(name: str, points: Points, tmp_path: Path) ->
     ("empty.xyz", b"", "no point in it"),
     ("words.txt", b"a letter to my aunt\nwith two lines\n", "no point in it"),
     ("words.xyz", b"1 2 3\n1 two 3\n", "a line is no x, y and z"),
-    ("flat.xyz", b"1 2\n3 4\n", "a line is no x, y and z"),
+    ("flat.xyz", b"1 2\n3 4\n", "there is no point in it"),
     ("binary.xyz", bytes(range(128, 256)) * 9, "no text of numbers"),
     ("odd.xyz", b"nan 1 2\ninf 1 2\n1 nan nan\n", "no point in it|none of its"),
     ("infinite.xyz", b"1 inf 2\n-inf 1 2\n1 nan nan\n", "none of its 3 points is finite|no x, y"),
@@ -330,11 +330,16 @@ def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) 
 POINTS = [(x, y, z) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0) for z in (0.0, 2.0)]
 
 
-@pytest.mark.parametrize("start", ["", "\ufeff", "# x,y,z\n"])
+@pytest.mark.parametrize(
+    "start", ["", "\ufeff", "# x,y,z\n", "Östlich Nördlich Höhe\n", "(x y z)\n", "12\n"]
+)
 def test_empty_lines_and_comments_are_no_points(tmp_path: Path, start: str) -> None:
     plain, odd = tmp_path / "plain.xyz", tmp_path / "odd.xyz"
     plain.write_text("\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
     odd.write_text(start + "\n# here\n\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
+    spaced = tmp_path / "spaced.xyz"
+    spaced.write_text("\n".join(f"{x} {y} {z} # a, b" for x, y, z in POINTS))
+    assert np.array_equal(read_cloud(plain, up="z").vertices, read_cloud(spaced, up="z").vertices)
     assert np.array_equal(read_cloud(plain, up="z").vertices, read_cloud(odd, up="z").vertices)
 
 
