@@ -68,6 +68,27 @@ def test_a_map_is_audited_with_its_conditions(repository):
     ]
 
 
+@pytest.mark.parametrize(
+    "options", ["--spacing 0.2 --title 'My hall'", '\n--spacing 0.2\r\n\n--title "My hall"\n']
+)
+def test_options_may_be_on_several_lines_and_have_blanks(repository, options):
+    done, calls = run(repository, "maps/office.yaml", options=options)
+    assert done.returncode == 0, done.stderr
+    assert calls[0].endswith("-o out/maps__office.yaml --spacing 0.2 --title My hall")
+    done, calls = run(repository, "maps/office.yaml", options="--title 'My hall")
+    assert done.returncode == 2 and "a quotation mark has no other" in done.stderr
+
+
+def test_a_map_that_is_named_twice_is_audited_once(repository):
+    (repository / 'maps/a,b%:"c.yaml').write_text(MAP)
+    done, calls = run(
+        repository, "maps\nmaps/office.yaml\n./maps/office.yaml\n./maps/hall 2/worse.yaml"
+    )
+    assert len(calls) == 4
+    assert "out/maps__a,b%25%3A%22c.yaml" in " ".join(calls)
+    assert "::error file=maps/hall 2/worse.yaml::" in done.stdout
+
+
 def test_no_two_maps_share_a_folder(repository):
     paths = [
         "a/b.yaml", "a__b.yaml", "a_/b.yaml", "a/_b.yaml", "a___b.yaml", "a_b.yaml", "a/__b.yaml",

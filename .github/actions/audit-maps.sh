@@ -2,7 +2,7 @@
 # What action.yml runs: audits the maps named in MAPS, one a line, each into a folder of its own.
 #   AMBINAV     the command                 SCANNER  a preset or a file
 #   MAPS        files, patterns or folders  OUTPUT   folder of the reports
-#   CONDITIONS  one a line, or nothing      OPTIONS  further options, separated by blanks
+#   CONDITIONS  one a line, or nothing      OPTIONS  further options, as in a shell, on any lines
 # Ends with 3 where a condition holds, else with the first other status that is not 0.
 # All maps are audited, whatever becomes of one.
 set -uo pipefail
@@ -13,7 +13,15 @@ is_map() { # of YAML files only those of map_server, not the parameters of a nod
     [[ "$1" != *.yaml && "$1" != *.yml ]] || { grep -qE '^image *:' "$1" && grep -qE '^resolution *:' "$1"; }
 }
 
+# Text in what GitHub reads of a line that begins with ::
+escaped() {
+    local text="${1//%/%25}"
+    text="${text//:/%3A}"
+    printf '%s' "${text//,/%2C}"
+}
+
 maps=()
+named=""
 while IFS= read -r line; do
     line="${line#"${line%%[![:space:]]*}"}"
     line="${line%"${line##*[![:space:]]}"}"
@@ -35,13 +43,16 @@ while IFS= read -r line; do
     found=()
     for file in "${files[@]}"; do
         # What is no pattern stays as it is.
-        [[ -e "$file" ]] && is_map "$file" && found+=("$file")
+        [[ -e "$file" ]] && is_map "$file" && found+=("${file#./}")
     done
     if ((${#found[@]} == 0)); then
         echo "ambinav: error: $line: there is no such map; name a map file, a pattern or a folder of maps." >&2
         exit 2
     fi
-    maps+=("${found[@]}")
+    for file in "${found[@]}"; do
+        [[ $'\n'"$named" == *$'\n'"$file"$'\n'* ]] || maps+=("$file")
+        named+="$file"$'\n'
+    done
 done <<<"$MAPS"
 if ((${#maps[@]} == 0)); then
     echo "ambinav: error: map: no map is named; name a map file, a pattern or a folder of maps." >&2
@@ -52,7 +63,14 @@ conditions=()
 while IFS= read -r line; do
     [[ -n "${line//[[:space:]]/}" ]] && conditions+=(--fail-if "$line")
 done <<<"$CONDITIONS"
-read -ra options <<<"$OPTIONS"
+options=()
+if [[ -n "${OPTIONS//[[:space:]]/}" ]]; then
+    if ! parts="$(tr -d '\r' <<<"$OPTIONS" | xargs printf '%s\n')"; then
+        echo "ambinav: error: options: a quotation mark has no other; give both." >&2
+        exit 2
+    fi
+    while IFS= read -r part; do options+=("$part"); done <<<"$parts"
+fi
 
 held=0
 status=0
@@ -61,6 +79,14 @@ for map in "${maps[@]}"; do
     # share a folder.
     name="${map#./}"
     name="${name//%/%25}"
+    # Letters that artifacts may not have in names.
+    name="${name//:/%3A}"
+    name="${name//\"/%22}"
+    name="${name//</%3C}"
+    name="${name//>/%3E}"
+    name="${name//|/%7C}"
+    name="${name//\*/%2A}"
+    name="${name//\?/%3F}"
     name="${name//__/%5F%5F}"
     name="${name//_\//%5F/}"
     name="${name//\/_//%5F}"
@@ -75,10 +101,10 @@ for map in "${maps[@]}"; do
     echo "::endgroup::"
     if ((code == 3)); then
         held=3
-        echo "::error file=$map::a condition of the audit holds; see the report in $OUTPUT/$name"
+        echo "::error file=$(escaped "$map")::a condition of the audit holds; see the report in $OUTPUT/$name"
     elif ((code != 0)); then
         ((status == 0)) && status=$code
-        echo "::error file=$map::the audit ended with status $code"
+        echo "::error file=$(escaped "$map")::the audit ended with status $code"
     fi
     if [[ -n "${GITHUB_STEP_SUMMARY:-}" && -f "$OUTPUT/$name/report.json" ]]; then
         python3 - "$OUTPUT/$name/report.json" "$map" "$code" >>"$GITHUB_STEP_SUMMARY" <<'PYTHON'

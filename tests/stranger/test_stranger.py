@@ -232,10 +232,13 @@ def test_every_kind_has_a_page() -> None:
 
 
 def test_the_pages_have_the_files() -> None:
-    project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
+    whole = tomllib.loads((PLUGIN / "pyproject.toml").read_text())
+    project, modules = whole["project"], whole["tool"]["setuptools"]["py-modules"]
+    assert modules == sorted(path.stem for path in PLUGIN.glob("*.py"))
     points = project.pop("entry-points")
-    (head,) = blocks(page("plug-in.md"), "toml")
-    assert tomllib.loads(head) == {"project": project}
+    head = tomllib.loads(*blocks(page("plug-in.md"), "toml"))
+    assert head["project"] == project
+    assert set(head["tool"]["setuptools"]["py-modules"]) < set(modules)
     assert set(points) == set(PAGES)
     for group, name in PAGES.items():
         ((_, place),) = points[group].items()

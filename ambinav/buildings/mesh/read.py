@@ -87,7 +87,7 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         import trimesh
     except ImportError:
         raise InputError(
-            f"{path}: reading meshes needs trimesh; install it with `pip install ambinav[mesh]`."
+            f'{path}: reading meshes needs trimesh; install it with `pip install "ambinav[mesh]"`.'
         ) from None
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")

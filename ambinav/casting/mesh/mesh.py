@@ -216,7 +216,7 @@ class Mesh:
         except ImportError:
             raise InputError(
                 f"{self.source or self.name}: rays against meshes need embreex; install it with "
-                "`pip install ambinav[mesh]`."
+                '`pip install "ambinav[mesh]"`.'
             ) from None
         from ambinav.casting.mesh.processes import EmbreeCaster
 
