@@ -130,7 +130,9 @@ def test_what_the_image_compiles_leaves_nothing_to_compile(
 ) -> None:
     """By the names of the machine code that is read or written: what the tests share is used."""
     run = next(rest for name, rest in instructions() if name == "RUN" and WARM in rest)
-    (tmp_path / "call.py").write_text("from ambinav.cli import main\nmain()\n")
+    # Processes for plans and edits import it again.
+    guarded = "from ambinav.cli import main\nif __name__ == '__main__':\n    main()\n"
+    (tmp_path / "call.py").write_text(guarded)
 
     def code(*words: str) -> set[str]:
         status, printed, errors = ambinav(tmp_path, "call.py", *words)
