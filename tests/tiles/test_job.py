@@ -23,14 +23,6 @@ from tests.geometry import scenes
 from tests.tiles.tile_cases import AROUND, CASES, assert_tiles, demo, plan, whole
 
 
-@pytest.mark.slow(minutes=0.3)
-@settings(max_examples=4)
-@given(tile=st.floats(2.0, 30.0), case=st.sampled_from(sorted(CASES)), seed=st.integers(0, 99))
-def test_tiles_of_the_demo_are_its_map(tile: float, case: str, seed: int) -> None:
-    amap = whole(demo(), case, 0.6)
-    assert_tiles(amap, plan(demo(), tile, case, 0.6), np.random.default_rng(seed))
-
-
 @pytest.mark.slow
 def test_tiles_of_the_demo_are_its_map_with_headings() -> None:
     case = "headings and a body"
