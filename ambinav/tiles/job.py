@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -139,9 +138,7 @@ class TileInput:
         return self.solid.nbytes + sum(part.nbytes for part in parts)
 
 
-def tile_variables(
-    job: TileJob, given: TileInput, report: Callable[[float], None] = lambda share: None
-) -> dict[str, xr.DataArray]:
+def tile_variables(job: TileJob, given: TileInput) -> dict[str, xr.DataArray]:
     """Compute the layers of a tile, equal to those of `build_map` bit for bit.
 
     It depends on its arguments alone, not on what other tiles there are.
@@ -149,7 +146,6 @@ def tile_variables(
     Args:
         job: What all tiles have in common.
         given: The tile, and the building around it.
-        report: Called with the share done.
 
     Returns:
         Variables over (y, x) or (y, x, theta), by name. Where a robot can stand nowhere in the
@@ -184,7 +180,7 @@ def tile_variables(
         return backdrop
     chosen = np.zeros_like(around.free)
     chosen[own] = free
-    results = job.poses.sums(around, possible, chosen[around.free], report)
+    results = job.poses.sums(around, possible, chosen[around.free], lambda share: None)
     lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
     variables = pose_layers(lattice, settings.model, settings.theta, results)
     variables["clearance"] = clearance_layer(lattice)

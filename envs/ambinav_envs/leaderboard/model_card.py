@@ -109,12 +109,11 @@ def read_judged(folder: Path, policy_file: Path) -> Judged:
     return Judged(record, rewards)
 
 
-def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
+def front_matter(card: Card, judged: Judged) -> dict[str, Any]:
     """Return the YAML front matter of a model card, as a hub reads it.
 
     Args:
-        name: Name of the policy.
-        card: Card of its file.
+        card: Card of the policy's file.
         judged: Its evaluation.
     """
     trained, (judged_name, judged_id) = _id_of(card.environment), judged_in(card, judged)
@@ -173,7 +172,7 @@ def _id_of(environment: Mapping[str, Any]) -> str:
 
 def model_card(name: str, card: Card, judged: Judged) -> str:
     """Return a README.md: front matter, a description of the policy, and its results."""
-    front = front_matter(name, card, judged)
+    front = front_matter(card, judged)
     head = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
     seed = "" if card.seed is None else f", seed {card.seed}"
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
