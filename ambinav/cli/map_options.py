@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
 
 LONG_SECONDS = 60.0
+# With so few beams, the cells have to be finer than this part of the neighbourhood's radius.
+FEW_BEAMS, FINE = 12, 4
 """A map that takes longer is announced."""
 LARGE_BYTES = 4e9
 """A map that takes more memory is announced."""
@@ -233,6 +235,12 @@ class MapOptions:
         spacing, radius = self.spacing, self.radius
         if not 0.0 < spacing <= radius:
             return  # which `build_map` refuses
+        if scanner.beams <= FEW_BEAMS and spacing > radius / FINE:
+            note(
+                f"with {scanner.beams} beams a spacing of {spacing:g} m and an ambiguity radius of "
+                f"{radius:g} m make levels too low, and let them depend on how the building lies; "
+                f"give --spacing {radius / FINE:g} or less."
+            )
         needs = estimate(environment, scanner, spacing, radius, self.headings).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
             return

@@ -179,13 +179,16 @@ def _plain(value: object) -> object:
 def _summaries(
     layer: Layer, context: LayerContext, main: Values, name: str, values: Values
 ) -> dict[str, Values]:
-    """Return the mean over possible headings, and the values at the layer's best and worst one."""
+    """Return the mean over possible headings, and the values at the layer's best and worst one.
+
+    Places have no mean: between several there is none that any heading has.
+    """
     order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
     # A heading without a value is neither: it comes last among the best, and among the worst.
     best = order.argmin(axis=2)[..., np.newaxis]
     worst = np.where(np.isnan(main), -np.inf, order).argmax(axis=2)[..., np.newaxis]
-    return {
-        "mean": _mean(context, name, values),
+    mean = {} if schema.is_place(name) else {"mean": _mean(context, name, values)}
+    return mean | {
         "best": np.take_along_axis(values, best, axis=2)[..., 0],
         "worst": np.take_along_axis(values, worst, axis=2)[..., 0],
     }

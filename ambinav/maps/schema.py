@@ -62,6 +62,11 @@ def is_axis(layer: str) -> bool:
     return _read(base) == "axis" or base.endswith("_direction")
 
 
+def is_place(layer: str) -> bool:
+    """Return whether a layer tells of the places of other poses."""
+    return base_name(layer) in _PLACES
+
+
 def is_nearest(layer: str) -> bool:
     """Return whether the layer is read at the nearest cell, without interpolation.
 

@@ -73,6 +73,11 @@ class MapStore:
     before_build: Callable[[], None] | None = None
     patience: float = PATIENCE
 
+    def __post_init__(self) -> None:
+        """Take the name of a folder for it."""
+        if self.folder is not None:
+            object.__setattr__(self, "folder", Path(self.folder))
+
     @classmethod
     def of_user(
         cls,

@@ -271,6 +271,10 @@ def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, alia
             mass[1] += alike
             if place[q] > 0 and place[q] == place[p]:
                 continue
+            # Where it is most alike may be nearer than its cell's centre.
+            dx, dy = dx + ox, dy + oy
+            if dx * dx + dy * dy <= radius * radius:
+                continue
             # One entry a pose q: the lanes of a pose follow each other.
             if latest != q:
                 if count == like.size:
