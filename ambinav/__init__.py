@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner as RangeScanner
     from ambinav.sensing.sensor import RangeSensor as RangeSensor
     from ambinav.server.client import Client as Client
+    from ambinav.server.client import ServerError as ServerError
     from ambinav.service.service import AmbiguityService as AmbiguityService
     from ambinav.service.volume_service import VolumeService as VolumeService
     from ambinav.store.map_store import MapStore as MapStore

@@ -10,11 +10,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
+from ambinav.export.formats.exporting import export_map
+from ambinav.export.options import ExportOptions
 from ambinav.export.registry import EXPORTERS
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
 
@@ -98,7 +103,10 @@ def test_help_has_an_example(runner: CliRunner) -> None:
         ),
         (("--to", "nav2-speed", "-o", "m.yaml", "--slowest", "120"), "give a number from 0 to 100"),
         (("--to", "nav2-speed", "-o", "m.yaml", "--slowest", "0.3"), "give percent, e.g. 30"),
-        (("--to", "nav2-speed", "-o", "m.yaml", "--max-speed", "nan"), "nan is not finite"),
+        (
+            ("--to", "nav2-speed", "-o", "m.yaml", "--max-speed", "nan"),
+            "--max-speed is nan; give a finite",
+        ),
         (("--to", "nav2-speed", "-o", "m.yaml", "--layer", "clearance"), "a mask needs 0 to 1"),
         (("--to", "map-server", "-o", "m.yaml", "--resolution", "0"), "0 is not above zero"),
         (("--to", "map-server", "-o", "m.yaml", "--resolution", "0.0001"), "give a larger one"),
@@ -207,3 +215,15 @@ def test_a_terminated_export_leaves_nothing(plan_folder: Path) -> None:
         process.wait(timeout=60)
     assert process.returncode != 0
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
+
+
+def test_numbers_of_numpy_are_options(plan_folder: Path) -> None:
+    amap = AmbiguityMap.open(plan_folder / "map.zarr")
+    level = float(np.nanquantile(amap.floor("level").values, 0.9))
+    masks = []
+    for k, threshold in enumerate((level, np.float64(level))):
+        export_map(amap, "nav2-keepout", f"m{k}.yaml", ExportOptions(threshold=threshold))
+        masks.append(Path(f"m{k}.pgm").read_bytes())
+    assert masks[0] == masks[1]
+    with pytest.raises(InputError, match="--threshold is 'x'; give a finite number"):
+        export_map(amap, "nav2-keepout", "m.yaml", ExportOptions(threshold="x"))  # type: ignore[arg-type]

@@ -305,6 +305,10 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
     result = runner.invoke(app, [*PLAN, *words[:3], "-o", "m.csv"])
     first, last, end = document["mission"]["stamps"][0], route.stamps[-2], route.duration
     assert 1.0 / 0.5 < first < last <= end  # seconds; the second stop is the goal
+    twice = runner.invoke(
+        app, [*PLAN, "--via", "10,2", "--via", "2,1", "--any-order", "-o", "m.csv"]
+    )
+    assert "stop 1 at (2, 1) m" in twice.stdout and "stop 2 at (10, 2) m" in twice.stdout
     wanted = f"stop 1 at (2, 1) m: after 1.0 m, {first:.1f} s\nstop 2 at (10, 2) m: after"
     assert wanted in result.stdout
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import typer
 
 from ambinav.cli.checks import Point, conflict, points_of
 from ambinav.cli.plan_options import Pose, ResultOptions, RobotOptions, SearchOptions
@@ -18,7 +20,7 @@ class MissionOptions:
     """Options on stops and goals.
 
     Attributes:
-        via (POINTS): Stops on the way, metres: "20,3 9,21". [default: none]
+        via (POINTS): Stops on the way, metres: "20,3 9,21"; repeatable. [default: none]
         any_order: Visit the stops in the order that costs least.
         or_goal (POINTS): Other goals, as --via: the route leads to the one that costs least.
             [default: none]
@@ -26,24 +28,24 @@ class MissionOptions:
 
     PANEL: ClassVar[str] = "Stops and goals"
 
-    via: str | None = None
+    via: Annotated[list[str] | None, typer.Option("--via")] = None
     any_order: bool = False
-    or_goal: str | None = None
+    or_goal: Annotated[list[str] | None, typer.Option("--or-goal")] = None
 
     @property
     def wanted(self) -> bool:
         """True if there are stops, or other goals."""
-        return self.via is not None or self.or_goal is not None
+        return bool(self.via or self.or_goal)
 
     @property
     def stops(self) -> list[Point]:
         """Stops in the order given."""
-        return [] if self.via is None else points_of(self.via, "--via", '"20,3 9,21"')
+        return _points(self.via, "--via")
 
     @property
     def other_goals(self) -> list[Point]:
         """Goals beside --goal."""
-        return [] if self.or_goal is None else points_of(self.or_goal, "--or-goal", '"20,3 9,21"')
+        return _points(self.or_goal, "--or-goal")
 
     def check(self, robot: RobotOptions, promise: PromiseOptions, result: ResultOptions) -> None:
         """Refuse what is no place, and options that plan a single leg.
@@ -76,6 +78,10 @@ class MissionOptions:
             start, (goal, *self.other_goals), tuple(self.stops), any_order=self.any_order
         )
         return plan_mission(robot, mission, weight=weight, **search.arguments)
+
+
+def _points(texts: list[str] | None, option: str) -> list[Point]:
+    return points_of(" ".join(texts), option, '"20,3 9,21"') if texts else []
 
 
 def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import nearest
+from ambinav.config import as_number, nearest
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import LAYER as JUDGED
@@ -73,7 +73,7 @@ class ExportOptions:
         """
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None or value == ():
+            if value is None or (isinstance(value, tuple) and not value):
                 continue
             option = _option(field.name)
             if field.name not in exporter.uses:
@@ -82,8 +82,8 @@ class ExportOptions:
                     f"{option}: {exporter.name} does not look at it; leave it out"
                     + (f" (it knows {able})." if able else ".")
                 )
-            if isinstance(value, float) and not math.isfinite(value):
-                raise InputError(f"{option}: {value} is not finite; give a number.")
+            if "float" in str(field.type):
+                as_number(value, option)
         for name, least, most in (
             ("slowest", 0.0, 100.0),
             ("least_area", 0.0, math.inf),

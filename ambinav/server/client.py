@@ -85,6 +85,9 @@ class Client(AmbiguityService):
         weight: float = 5.0,
         patience: float = 30.0,
     ) -> None:
+        if token is not None and not (token.isascii() and token.isprintable()):
+            raise InputError("token has characters that no token has; give printable ASCII.")
+        as_number(patience, "patience")
         try:
             import httpx
         except ModuleNotFoundError as error:
@@ -114,7 +117,10 @@ class Client(AmbiguityService):
                     error.__cause__
                 )
             raise
-        served = {info["id"]: info for info in listed["maps"]}
+        try:
+            served = {info["id"]: info for info in listed["maps"]}
+        except (TypeError, KeyError):
+            raise InputError(_no_server(url)) from None
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
@@ -307,7 +313,11 @@ class Client(AmbiguityService):
         return bytes(answer.content)
 
     def _get(self, path: str, patience: float | None = None) -> Any:
-        return self._send("GET", path, patience).json()
+        answer = self._send("GET", path, patience)
+        try:
+            return answer.json()
+        except ValueError:
+            raise InputError(_no_server(self._given[0])) from None
 
     def _send(self, method: str, path: str, patience: float | None = None, **what: Any) -> Any:
         """Send a request and return the answer, after several attempts if that may help."""
@@ -397,6 +407,10 @@ class _BusyError(Exception):
     def __init__(self, detail: str, after: str) -> None:
         super().__init__(detail)
         self.seconds = float(after) if after.isdigit() else 0.0
+
+
+def _no_server(url: str) -> str:
+    return f"{url}: this is no ambinav server; give the address that `ambinav serve` prints."
 
 
 def _weight(weight: float) -> float:

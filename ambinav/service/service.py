@@ -395,11 +395,14 @@ def _amount(value: float, name: str) -> float:
 
 
 def _flat(**values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
-    """Return the broadcast shape, and the values flattened; None counts as 0.
+    """Return the broadcast shape, and the values flattened; None is heading 0, or no place.
 
     What can be read as it is, is not copied: kernels are compiled for arrays that can be written.
     """
-    shape, parts = as_arrays(**{k: 0.0 if value is None else value for k, value in values.items()})
+    missing = {name: 0.0 if name.startswith("theta") else math.nan for name in values}
+    shape, parts = as_arrays(
+        **{name: missing[name] if value is None else value for name, value in values.items()}
+    )
 
     def row(part: Floats) -> Floats:
         if part.shape == shape and shape and part.flags.c_contiguous and part.flags.carray:

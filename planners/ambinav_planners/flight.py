@@ -269,8 +269,9 @@ def _solve(
     volume = service.volume
     limits = ob.RealVectorBounds(3)
     for axis, values in enumerate((*(volume.dataset[n].values for n in "xy"), volume.heights)):
-        limits.setLow(axis, float(values[0]))
-        limits.setHigh(axis, float(values[-1]))
+        # A place may be half a cell beside the outermost cells.
+        limits.setLow(axis, min(float(values[0]), *(place[axis] for place in ends)))
+        limits.setHigh(axis, max(float(values[-1]), *(place[axis] for place in ends)))
     space = ob.RealVectorStateSpace(3)
     space.setBounds(limits)
     simple = og.SimpleSetup(space)
@@ -283,7 +284,7 @@ def _solve(
     states = si.allocState(), si.allocState()
     for state, place in zip(states, ends, strict=True):
         for axis, value in enumerate(place):
-            state[axis] = min(max(value, limits.low[axis]), limits.high[axis])
+            state[axis] = value
     simple.setStartAndGoalStates(*states, GOAL_TOLERANCE)
     make = planner(name).make
     assert make is not None  # all of PLANNERS are OMPL's own

@@ -10,10 +10,11 @@ part in the choice.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,17 +128,17 @@ def plan_mission(
     if len(goals) > 1 or (mission.any_order and len(stops) > 1):
         order, goal, gap = _chosen(robot, mission, start, stops, goals, weight)
     places = [mission.start, *(mission.via[k] for k in order), mission.goals[goal]]
-    legs = tuple(
-        robot.plan(
+    legs: list[Route] = []
+    for here, there in itertools.pairwise(places):
+        leg = _at(robot, legs, is_last=len(legs) == len(places) - 2).plan(
             here, there,
             planner_name=planner_name, weight=weight, seconds=seconds, iterations=iterations,
             seed=seed, improved=improved,
-        )
-        for here, there in itertools.pairwise(places)
-    )  # fmt: skip
+        )  # fmt: skip
+        legs.append(leg)
     service = robot.service if weight is None else robot.service.with_weight(weight)
     if len(legs) == 1:
-        return MissionRoute(legs[0], legs, order, goal, (), gap)
+        return MissionRoute(legs[0], tuple(legs), order, goal, (), gap)
     route, limit = join_routes(service, legs), robot.limit
     if limit is not None and not limit.kept_by(route.poses, service, checker.steering):
         raise NotFoundError(
@@ -145,7 +146,21 @@ def plan_mission(
             "the route over the stops; allow more, or move the stops off bad floor."
         )
     arrivals = np.cumsum([leg.length for leg in legs])[:-1]
-    return MissionRoute(route, legs, order, goal, tuple(arrivals.tolist()), gap)
+    return MissionRoute(route, tuple(legs), order, goal, tuple(arrivals.tolist()), gap)
+
+
+def _at(robot: RoutePlanner, legs: Sequence[Route], *, is_last: bool) -> RoutePlanner:
+    """Return the robot at the end of some legs: as sure of its pose as the last one leaves it.
+
+    The limit of belief planners at the goal is that of the last leg.
+    """
+    here = copy.copy(robot)
+    if not is_last:
+        here.belief = replace(here.belief, max_goal_std=math.inf)
+    if legs and legs[-1].covariances is not None:
+        x, y, theta = np.sqrt(np.diagonal(legs[-1].covariances[-1])).tolist()
+        here.belief = replace(here.belief, start_std=(x, y, theta))
+    return here
 
 
 def _chosen(

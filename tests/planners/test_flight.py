@@ -92,6 +92,16 @@ def test_a_route_over_the_fence(robot: FlightPlanner, planner: str, iterations: 
     assert route.length >= 0.98 * least
 
 
+def test_ends_beside_the_outermost_cells_are_those_of_the_route() -> None:
+    laser = RangeSensor(max_range=2.2, std=0.03, resolution=0.001)
+    scanner = RangeScanner.planar(sensor=laser, beams=24, aperture=2.0 * math.pi)
+    coarse = build_volume(room(), scanner, (0.5, 1.0, 1.5), 0.5, robot_radius=0.1, store=False)
+    robot = FlightPlanner(VolumeService(coarse, weight=4.0), room(), 0.1)
+    ends = (0.11, 0.11, 1.0), (2.0, 4.89, 1.0)
+    route = robot.plan(*ends, planner_name="bitstar", seconds=20.0, iterations=300)
+    np.testing.assert_allclose(route.points[[0, -1]], ends, atol=1e-9)
+
+
 def test_shortcuts_cost_less_and_are_free(
     robot: FlightPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.missions import MOST_STOPS, Mission, plan_mission
 from ambinav_planners.planning import NotFoundError, RoutePlanner
 from ambinav_planners.search.cheapest_cycle import cheapest_cycle
@@ -28,6 +30,22 @@ from tests.geometry.scenes import room
 
 START, GOAL = (3.0, 3.0), (28.0, 17.0)
 STOPS = ((20.0, 3.0), (9.0, 21.0), (5.0, 12.0), (27.4, 9.6))
+
+
+def test_each_leg_begins_as_unsure_as_the_last_one_ended() -> None:
+    """In a hall where nothing is in sight, stops make nobody surer of his pose."""
+    amap = build_map(room(14.0, 8.0), laser(max_range=2.0, beams=24), spacing=0.4, store=False)
+    belief = BeliefModel(start_std=(0.01, 0.01, 0.01), max_std=0.15)
+    robot = RoutePlanner(amap, footprint=0.2, belief=belief)
+    stops = ((6.0, 4.0), (8.0, 4.0))
+    loose = RoutePlanner(amap, footprint=0.2, belief=replace(belief, max_std=math.inf))
+    mission = Mission((4.0, 4.0), ((10.0, 4.0),), stops)
+    legs = plan_mission(loose, mission, planner_name="belief").legs
+    std = [math.sqrt(leg.covariances[k, 0, 0]) for leg in legs for k in (0, -1)]  # type: ignore[index]
+    assert std[0] < std[1] == pytest.approx(std[2]) and std[2] < std[3] == pytest.approx(std[4])
+    assert std[5] > 0.15
+    with pytest.raises(InputError):
+        plan_mission(robot, mission, planner_name="belief")
 
 
 @pytest.mark.slow

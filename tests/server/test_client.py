@@ -20,7 +20,6 @@ import pytest
 import ambinav as an
 from ambinav.runtime.errors import InputError
 from ambinav.server import client as client_module
-from ambinav.server.client import ServerError
 from ambinav.server.http.app import create_app
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live, running
@@ -219,6 +218,21 @@ def _answer(status: str, body: object, *headers: str) -> bytes:
     return "\r\n".join(lines).encode() + b"\r\n\r\n" + text
 
 
+@pytest.mark.parametrize("body", [{}, [], {"maps": [{"name": "a"}]}])
+def test_another_program_is_no_server(body: object) -> None:
+    with (
+        answering(_answer("200 OK", body)) as url,
+        pytest.raises(InputError, match="no ambinav server"),
+    ):
+        an.Client(url)
+
+
+def test_what_is_no_token_is_said() -> None:
+    for token in ("größe", "a\nb"):
+        with pytest.raises(InputError, match="token has characters that no token has"):
+            an.Client("http://127.0.0.1:1", token=token)
+
+
 LAYER = {"name": "level", "has_theta": False}
 MAPS = _answer(
     "200 OK",
@@ -241,7 +255,7 @@ def test_a_client_waits_for_a_busy_server_as_long_as_it_asks() -> None:
         assert time.monotonic() - begun >= 1.0
     with answering(MAPS, BUSY) as url, an.Client(url, patience=0.5) as client:
         begun = time.monotonic()
-        with pytest.raises(ServerError, match="Too many"):
+        with pytest.raises(an.ServerError, match="Too many"):
             client.cost(1.0, 1.0)
         assert time.monotonic() - begun < 0.9  # the server's second would be too long
 
@@ -263,5 +277,5 @@ def test_a_client_finds_a_server_that_was_started_again(
     changed = an.AmbiguityMap(turning.dataset.assign_attrs(environment="map"))
     with running(create_app([changed]), port=port), client:
         for ask in (lambda: client.cost(1.0, 1.0), lambda: client.map):
-            with pytest.raises(ServerError, match="'map' is another one since"):
+            with pytest.raises(an.ServerError, match="'map' is another one since"):
                 ask()

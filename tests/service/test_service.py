@@ -108,6 +108,13 @@ def test_cost_is_at_least_one_in_free_space_and_infinite_elsewhere(
     assert service.cost(math.nan, 2.0) == math.inf
 
 
+def test_a_place_that_is_missing_is_no_zero(plain: an.AmbiguityMap) -> None:
+    service, none = an.AmbiguityService(plain), None
+    assert service.cost(none, 1.0) == math.inf  # type: ignore[call-overload]
+    with pytest.raises(an.InputError, match="x0 is not finite"):
+        service.reward(none, 1.0, 2.0, 1.0)  # type: ignore[call-overload]
+
+
 def test_weight_zero_costs_the_length(plain: an.AmbiguityMap) -> None:
     service = an.AmbiguityService(plain, weight=0.0)
     assert service.motion_cost(1.0, 1.0, 4.0, 5.0) == pytest.approx(5.0)

@@ -59,8 +59,19 @@ export function saySeconds(status, text) {
 /** Call `action` once nothing has called for some milliseconds. */
 export function settled(action, milliseconds) {
   let timer = 0;
-  return (...values) => {
+  const call = (...values) => {
     clearTimeout(timer);
-    timer = setTimeout(() => action(...values), milliseconds);
+    timer = setTimeout(() => {
+      timer = 0;
+      action(...values);
+    }, milliseconds);
   };
+  /** Leave out what would be called; whether something would. */
+  call.cancel = () => {
+    const isPending = timer !== 0;
+    clearTimeout(timer);
+    timer = 0;
+    return isPending;
+  };
+  return call;
 }

@@ -173,6 +173,8 @@ export class RoutesPanel {
   }
 
   async #trade() {
+    // Of a place that was just typed the routes are planned first.
+    if (this.again.cancel()) await this.#planAll();
     const id = this.floor.shown;
     const found = await this.#run("Planning one route for each weight …", (signal) =>
       this.source.pareto(id, { ...this.#request(), weights: CURVE }, signal));

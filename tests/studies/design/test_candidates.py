@@ -181,3 +181,22 @@ def test_more_pillars_than_candidates_have_candidates_on_some() -> None:
     places, _ = Positions(env, rules, bad, 10.0, env.free).spread_evenly(200)
     on_pillars = [min(x, y, 62 - x, 62 - y) > 1.0 for x, y in (each.middle for each in places)]
     assert 100 <= len(places) <= 200 and sum(on_pillars) > 60
+
+
+@pytest.mark.parametrize("width", [0.404, 0.41, 0.914])
+def test_necks_hardly_wider_than_the_passage_stay_open(width: float) -> None:
+    rooms = [shapely.box(0, 0, 4, 4), shapely.box(6, 0, 10, 4)]
+    env = environment_from_shapes([*rooms, shapely.box(4, 2 - width / 2, 6, 2 + width / 2)])
+    kept = 0.4 if width < 0.9 else 0.9
+    passages, whole = Passages(env, kept), find_reach(env, kept / 2 - 1e-3).floor.area
+    posts = [
+        Obstacle.post(x, 2 - width / 2 + y, 0.1) for x in (3.92, 4.0, 5.0) for y in (-0.08, 0.02)
+    ]
+    for post in posts:
+        left = reach_of(env.edited(add=[post]), kept / 2 - 1e-3).floor.area
+        assert left > 0.9 * whole or not passages.stays(post.outline, True)
+
+
+def test_a_kind_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match="kind is 'posts'; choose from post, panel, tag"):
+        PlaceRules(kind="posts")  # type: ignore[arg-type]

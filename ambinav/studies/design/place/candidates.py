@@ -54,7 +54,9 @@ class PlaceRules:
     most: int = 400
 
     def __post_init__(self) -> None:
-        """Check every number."""
+        """Check the kind and every number."""
+        if self.kind not in KINDS:
+            raise InputError(f"kind is {self.kind!r}; choose from {', '.join(KINDS)}.")
         for name in ("radius", "width", "min_passage"):
             value = as_number(getattr(self, name), name)
             if not value > 0.0:

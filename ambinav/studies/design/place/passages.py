@@ -9,18 +9,16 @@ stands between two walls.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
-import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.collision.reach import room_for
 from ambinav.geometry.environment import Environment
 
-POINTS: Final = 0.02
-"""Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
+TOUCH: Final = 1e-6
+"""Pieces of an edge that are shorter are of rounding, metres."""
 SLACK: Final = 1e-3
 """Metres that are of rounding."""
 
@@ -46,12 +44,9 @@ class Passages:
         """
         if not on_wall:
             return bool(shapely.covers(self.wide, outline))
-        taken = shapely.buffer(outline, self.width / 2 - SLACK, quad_segs=8)
-        ring = taken.exterior
-        count = math.ceil(ring.length / POINTS)
-        points = shapely.line_interpolate_point(ring, np.arange(count) * (ring.length / count))
-        inside = np.asarray(shapely.intersects(self.room, points), dtype=np.bool_)
-        if inside.any():
-            # Pieces of the ring, which begins where it ends.
-            return int((inside & ~np.roll(inside, 1)).sum()) <= 1
-        return not shapely.intersects(self.room, taken)
+        taken = shapely.buffer(outline, self.width / 2 - SLACK, quad_segs=64)
+        edge = shapely.line_merge(shapely.intersection(self.room, taken.exterior))
+        pieces = shapely.length(shapely.get_parts(edge))
+        # What is only touched is not crossed.
+        crossed = int((pieces > TOUCH).sum())
+        return crossed <= 1 if crossed else not shapely.intersects(self.room, taken)
