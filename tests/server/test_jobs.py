@@ -8,6 +8,7 @@ import os
 import shutil
 import socket
 import struct
+import time
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,8 @@ import pytest
 from starlette.requests import Request
 
 import ambinav as an
-from ambinav.server.jobs import plan_archive
-from ambinav.server.jobs.plan_jobs import Turns, received, started, while_connected
+from ambinav.server.jobs import plan_archive, plan_jobs
+from ambinav.server.jobs.plan_jobs import PlanPool, Turns, received, started, while_connected
 from ambinav.server.jobs.workers import plans
 from ambinav.server.limits import Limits
 from ambinav.server.problems import RETRY, Problem
@@ -184,6 +185,38 @@ def _sends_a_part(line: Any) -> None:
     """A worker that is held up within its answer."""
     os.write(line.fileno(), struct.pack("!i", 1000) + b"0" * 500)
     line.recv()
+
+
+def _sleeps(line: Any) -> None:
+    """A worker whose tasks are seconds."""
+    while True:
+        seconds = line.recv()
+        time.sleep(seconds)
+        line.send(seconds)
+
+
+class _Sleepers(PlanPool):
+    work = staticmethod(_sleeps)
+
+
+@pytest.mark.slow
+def test_a_plan_that_ends_soon_keeps_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plan_jobs, "SOON", 0.5)
+
+    async def left(seconds: float) -> bool:
+        pool = _Sleepers(1, 1, 60.0)
+        try:
+            await pool.run(0.0)
+            before = pool._idle[:]
+            task = asyncio.create_task(pool.run(seconds))
+            await asyncio.sleep(0.05)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            return pool._idle == before
+        finally:
+            pool.close()
+
+    assert asyncio.run(left(0.2)) and not asyncio.run(left(30.0))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import asyncio
 import os
 from collections.abc import Callable, Coroutine
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from fastapi import Request
 
@@ -16,6 +16,9 @@ from ambinav.server.problems import ENDING, RETRY, Problem, named_field
 from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 T = TypeVar("T")
+
+SOON: Final = 2.0
+"""Seconds that a plan whose client has left may go on, before its process is stopped."""
 
 
 class Turns:
@@ -121,8 +124,16 @@ class PlanPool:
         return answer
 
     async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
-        """Return whether a process can be reused after its task, whose `answer` nobody wants."""
-        return False
+        """Return whether a process can be reused after its task, whose `answer` nobody wants.
+
+        A new process has to load all code and the map: a task that ends soon is waited for.
+        """
+        try:
+            async with asyncio.timeout(SOON):
+                await asyncio.shield(answer)
+        except (EOFError, OSError):  # TimeoutError is one
+            return False
+        return True
 
     def _idle_worker(self) -> Worker | None:
         """Return an idle process that has planned before; killed processes are skipped."""
