@@ -118,7 +118,7 @@ class Client(AmbiguityService):
                 )
             raise
         try:
-            served = {info["id"]: info for info in listed["maps"]}
+            served = {info["id"]: info for info in listed["maps"] if info["digest"]}
         except (TypeError, KeyError):
             raise InputError(_no_server(url)) from None
         if map is None and len(served) != 1:

@@ -218,7 +218,7 @@ def _answer(status: str, body: object, *headers: str) -> bytes:
     return "\r\n".join(lines).encode() + b"\r\n\r\n" + text
 
 
-@pytest.mark.parametrize("body", [{}, [], {"maps": [{"name": "a"}]}])
+@pytest.mark.parametrize("body", [{}, [], {"maps": [{"name": "a"}]}, {"maps": [{"id": "a"}]}])
 def test_another_program_is_no_server(body: object) -> None:
     with (
         answering(_answer("200 OK", body)) as url,
