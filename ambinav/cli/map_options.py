@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
 
 LONG_SECONDS = 60.0
-# With so few beams, the cells have to be finer than this part of the neighbourhood's radius.
-FEW_BEAMS, FINE = 12, 4
 """A map that takes longer is announced."""
+FEW_BEAMS, FINE = 12, 4
+"""With so few beams, cells have to be finer than this part of the neighbourhood's radius."""
 LARGE_BYTES = 4e9
 """A map that takes more memory is announced."""
 

@@ -21,9 +21,9 @@ Field = tuple[str, str] | tuple[str, str, tuple[int, ...]]
 
 AT_ONCE: Final = 1_000_000
 """Points that are held at a time."""
-# Lines of text take more time and memory than numbers do.
 _NUMBER: Final = rb"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)"
 _POINT: Final = re.compile(rb"\s*%b(?:[\s,;]+%b){2}(?![^\s,;])" % (_NUMBER, _NUMBER))
+# Lines of text take more time and memory than numbers do.
 _LINES_AT_ONCE: Final = 200_000
 _LONGEST_HEADER: Final = 1000
 _LONGEST_LINE: Final = 1000

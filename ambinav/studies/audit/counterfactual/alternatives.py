@@ -150,9 +150,8 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
 def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
     """Return another scanner where a scanner is mounted; as it is unless both are single fans.
 
-    It looks as far aside from there as it does from the centre. One that has a place of its own off
-    the robot's centre stays there. One on the floor, whose file
-    gives no height, is raised to the height of the first.
+    Its own yaw is added to that of the mount. One with a place of its own off the robot's centre
+    stays there. One on the floor, whose file gives no height, is raised to the first one's height.
     """
     height = float(scanner.upright[:, 0].min())
     if height > 0.0 >= other.upright[:, 0].min():
