@@ -72,34 +72,38 @@ def _turns_of(order: int) -> int:
 
 
 def turn_cells(order: int) -> NDArray[np.float64]:
-    """Return the turns to compare, up to `WINDOW` to the left, as Gaussians.
+    """Return the turns to compare, up to `WINDOW` to both sides, as Gaussians.
 
-    Those by whole steps turn the beams and are half a step wide. The one by 0 is in parts, which
-    come last and in ascending order, and which the scan's derivative turns.
+    Those by whole steps turn the beams and are half a step wide. Shorter ones turn the scan along
+    its derivative, those to the left first, from the one by 0 outwards on both sides. A beam that
+    jumps from one surface to another changes by one of the two slopes, so neither side stands for
+    the other.
 
     Args:
         order: How many turns by a step map the beams to themselves.
 
     Returns:
-        Shape (M, 5), a row each: how many steps; mean, radians; variance; weight; and how much
-        farther than the row before it is turned by the derivative, radians.
+        Shape (M, 5), a row each: how many steps, from 0 to order - 1; mean, radians; variance;
+        weight; and how much farther than the row before it is turned by the derivative, radians.
     """
     step = 2.0 * math.pi / order
     within = WINDOW / step + 0.5
-    # Twice, for those to the right. Of the last a part is in the window.
+    # Of the last a part is in the window.
     cells = [
-        (k, k * step, (step / 2.0) ** 2, 2.0 * step * min(within - k, 1.0), 0.0)
+        (side * k % order, side * k * step, (step / 2.0) ** 2, step * min(within - k, 1.0), 0.0)
         for k in range(1, math.ceil(within))
+        for side in (1, -1)
     ]
-    edge, turned = step / 2.0**HALVINGS, 0.0
     height = math.sqrt(2.0 / math.pi)
-    cells.append((0, 0.0, edge**2, height * 2.0 * edge, 0.0))
-    for _ in range(HALVINGS):
-        # From `edge` to twice that. Narrow, or the best offset would be back at the turn by 0.
-        mean = 1.5 * edge
-        weight = height * math.exp(-2.0 * (mean / step) ** 2) * 2.0 * edge
-        cells.append((0, mean, (edge / 8.0) ** 2, weight, mean - turned))
-        edge, turned = 2.0 * edge, mean
+    first, turned = step / 2.0**HALVINGS, 0.0
+    cells.append((0, 0.0, first**2, height * 2.0 * first, 0.0))
+    for side in (1, -1):
+        for edge in first * 2.0 ** np.arange(HALVINGS):
+            # From `edge` to twice that. Narrow, or the best offset would be back at the turn by 0.
+            mean = side * 1.5 * edge
+            weight = height * math.exp(-2.0 * (mean / step) ** 2) * edge
+            cells.append((0, mean, (edge / 8.0) ** 2, weight, mean - turned))
+            turned = mean
     return np.array(cells)
 
 
@@ -207,7 +211,7 @@ def turning_moment(
     weight = moment = wide(zero)
     for m in range(cells.shape[0]):
         k, c2 = U(cells[m, 0]), cells[m, 2]
-        if cells[m, 4] > 0.0:
+        if cells[m, 4] != 0.0:
             turn_along(mine, theirs, np.float32(cells[m, 4]))
         kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, unity, zero)
         if lane(totals((kept,)), U(0)) == F0:

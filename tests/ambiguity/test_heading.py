@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
+from shapely import affinity
 
 from ambinav.ambiguity.heading import WINDOW, turning_moments, turns
 from ambinav.ambiguity.model import independent_tau
@@ -27,6 +28,9 @@ DOOR = scenes.environment(
 ROOM = scenes.environment(shapely.box(-2.0, -2.0, 2.0, 2.0))
 HALL = scenes.environment(shapely.box(-15.0, -15.0, 15.0, 15.0))
 CIRCLE = scenes.environment(shapely.Point(0.0, 0.0).buffer(2.5, quad_segs=256))
+# Beams jump from the pillar to the wall, and from the wall to nothing in range.
+PILLAR = shapely.union_all([shapely.box(-20, -1.5, 20, 1.5), shapely.box(2.0, 1.0, 5.0, 6.0)])
+PILLAR = PILLAR.difference(shapely.box(-1.2, 0.1, -0.7, 0.5))
 
 SONAR = RangeSensor(
     name="sonar", aperture=math.radians(30.0), min_range=0.15, max_range=3.0, resolution=0.01,
@@ -111,6 +115,18 @@ def test_twins_at_right_angles_do_not_count(scanner: RangeScanner) -> None:
     centre, *beside = (information(CORRIDOR, scanner, 0.03, y) for y in (0.0, 0.1, 0.2, 0.3))
     # It changes with the beams that end within range, not with the twin's distance.
     np.testing.assert_allclose(beside, centre, rtol=0.7)
+
+
+@pytest.mark.parametrize("scanner", [laser(4.0), *RINGS], ids=["laser", "ring-12", "ring-24"])
+def test_turns_to_both_sides_count_the_same(scanner: RangeScanner) -> None:
+    plan, mirrored = (
+        scenes.environment(part)
+        for part in (PILLAR, affinity.scale(PILLAR, xfact=-1, origin=(0, 0)))
+    )
+    for x, y in ((0.03, 0.21), (-0.4, -0.35), (1.1, 0.6), (3.3, 2.2), (-2.2, 0.33)):
+        np.testing.assert_allclose(
+            moments(plan, scanner, x, y), moments(mirrored, scanner, -x, y), rtol=1e-3
+        )
 
 
 @pytest.mark.slow(
