@@ -74,6 +74,10 @@ BAD = {
     "unused start": (["--start-std", "0.5"], "--start-std is for the planners belief"),
     "unused odometry": (["--odometry-scale", "1"], "--odometry-scale is for the planners belief"),
     "start below zero": (["--planner", "belief", "--start-std", "-1"], "--start-std"),
+    "forecast from a point": (
+        ["--planner", "belief", "--start-std", "0", "--odometry", "poor"],
+        "--start-std: 0 has no forecast; give more",
+    ),
     "unused weights": (["--weights", "0 1"], "--weights is for --pareto"),
     "start heading": (["--start-heading", "0"], "--start-heading is for spaces other than r2"),
     "goal heading": (["--goal-heading", "9"], "--goal-heading is for spaces other than r2"),

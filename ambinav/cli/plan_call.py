@@ -152,6 +152,8 @@ class PlanCall:
         self.forecast.check()
         self.speed.check(search, cost, promise, result, self.limits)
         result.check(self.output)
+        if self._is_forecast and self.belief.start_std == 0.0:
+            raise InputError("--start-std: 0 has no forecast; give more, such as 0.001.")
 
     def _planners(self, amap: AmbiguityMap) -> list[RoutePlanner]:
         """Return a planner for the cost; for the least time several, one of which is faster."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_count, as_number, read_text
+from ambinav.config import as_count, as_number, check_kind, read_text
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.runtime.input_suggestions import kind_of_path, refuse
@@ -421,8 +421,12 @@ class RangeScanner(Beams):
         """Return one simulated reading of each true range, shape (..., B) as `scan` gives them.
 
         Raises:
-            InputError: the last axis is not B long, or a true range is NaN or negative.
+            InputError: the last axis is not B long, a true range is NaN or negative, or `rng` is
+                no Generator.
         """
+        check_kind(
+            rng, np.random.Generator, "rng", "give a numpy Generator, such as default_rng(1)"
+        )
         ranges = np.asarray(true_ranges)
         if ranges.shape[-1:] != (self.beams,):
             raise InputError(

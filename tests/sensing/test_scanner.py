@@ -279,6 +279,8 @@ def test_bad_poses_and_ranges() -> None:
         scanner.scan(ROOM, 0.0, 0.0, [0.0, math.nan])
     with pytest.raises(InputError, match="the last axis must be the 4 beams"):
         scanner.capture(np.zeros((2, 3)), np.random.default_rng(0))
+    with pytest.raises(InputError, match="rng is 0; give a numpy Generator"):
+        scanner.read(ROOM, 0.0, 0.0, 0.0, 0)  # type: ignore[arg-type]
 
 
 def test_the_real_caster_agrees_with_brute_force_and_closed_forms() -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ambinav.config import check_kind
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -197,6 +198,7 @@ def audit(
     Warns:
         InputWarning: see `find_reach`.
     """
+    check_kind(scanner, RangeScanner, "scanner", "give a RangeScanner, such as of from_preset")
     if places < 0:
         raise InputError(f"places: {places} is negative; give 0 or more.")
     if reach is None:

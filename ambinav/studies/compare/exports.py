@@ -68,7 +68,8 @@ def export_all(
     for _ in in_workers(setup, _export, pieces, jobs):
         pass
     for older in folder.iterdir() if folder.is_dir() else ():
-        if older.name not in written and (older / ABOUT).is_file():
+        kept = older.name in written or older.is_symlink()
+        if not kept and (older / ABOUT).is_file():
             shutil.rmtree(older)
     return tuple(written)
 
