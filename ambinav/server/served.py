@@ -186,14 +186,23 @@ class ServedMaps:
         return len(self._maps)
 
     def add(
-        self, amap: AmbiguityMap, stem: str, path: Path | None = None, key: str | None = None
+        self,
+        amap: AmbiguityMap,
+        stem: str,
+        path: Path | None = None,
+        key: str | None = None,
+        *,
+        title: str = "",
     ) -> ServedMap:
-        """Add a map under a name made of `stem`; other arguments as in `ServedMap`."""
+        """Add a map under a name made of `stem`, which is also its title if it has no other one.
+
+        Other arguments as in `ServedMap`.
+        """
         name = first = slug(stem)
         number = 2
         while name in self._maps:
             name, number = f"{first}-{number}", number + 1
-        served = ServedMap(name, amap, stem, path, key)
+        served = ServedMap(name, amap, title or stem, path, key)
         self._maps[name] = served
         return served
 

@@ -169,7 +169,7 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
                 files=[("files", ("room.geojson", PLAN))],
                 data={"scanner": "sick-lms200", "spacing": "0.25"},
             ).headers["location"]
-            for _ in range(2)
+            for _ in range(3)
         ]
         assert http.delete(audits.pop()).status_code == 204
         process.kill()
@@ -183,15 +183,18 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
         assert routes["route"] is None and [each["weight"] for each in routes["front"]] == [0, 5]
         of_edit = ended(http, of_edited)  # whose map is computed again
         assert of_edit["state"] == "done", of_edit
-        audit = ended(http, audits[0])
-        assert audit["state"] == "done", audit
-        values = http.get(f"/v1/maps/{audit['map']}").json()["digest"]
+        audit, another = (ended(http, place) for place in audits)
+        assert audit["state"] == another["state"] == "done", (audit, another)
+        maps = [http.get(f"/v1/maps/{each['map']}").json() for each in (audit, another)]
+        # Of one file: each has a name of its own, and the file's as title.
+        assert len({each["id"] for each in maps}) == 2
+        assert {each["name"] for each in maps} == {"room"}
         process.kill()
         process.wait(30)
     with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
         assert http.get(plan.headers["location"]).json() == found
         assert http.get(audits[0]).json() == audit
-        assert http.get(f"/v1/maps/{audit['map']}").json()["digest"] == values
+        assert maps == [http.get(f"/v1/maps/{each['map']}").json() for each in (audit, another)]
         assert "<html" in http.get(audit["report"]).text
         assert http.delete(plan.headers["location"]).status_code == 204
         assert http.get(plan.headers["location"]).status_code == 404

@@ -199,7 +199,8 @@ class Audits:
                 except (InputError, OSError) as error:
                     await self._failed(audit, f"Its map can no longer be read: {error}")
                     continue
-                served = self._maps.add(amap, result or plain["title"])
+                title = plain["title"]
+                served = self._maps.add(amap, result or title, title=title)
                 audit.change(state="done", stage="report", done=1.0, served=served)
             elif self._state.may_start(id):
                 task = AuditTask(**{**plain, "folder": str(place)})
