@@ -55,7 +55,7 @@ def timed_rows(name: str, count: int, repeats: int) -> list[str]:
         {
             "all": lambda: forecaster.lost_probabilities(routes),
             "one": lambda: forecaster(drawn[0]),
-            "field": lambda: InformationField.of(amap),
+            "field": lambda: InformationField.of(amap, echoes=True),
         },
         repeats,
     )

@@ -53,7 +53,8 @@ from ambinav.forecasting.calibrate import (
 )
 from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
-from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
+from ambinav.localization.parameters import MclParameters
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
@@ -109,7 +110,7 @@ def main() -> None:
     parser = parser_of(
         __doc__,
         localizer=option("product", "the localizer", choices=LOCALIZERS),
-        scanners=option(SCANNERS[:2] + SCANNERS[3:4], "scanners to fit and score together"),
+        scanners=option(SCANNERS[:4], "scanners to fit and score together"),
         buildings=option((), "names of buildings; all by default"),
         world=option("map", choices=WORLDS),
         loop=option("open", choices=LOOPS),
@@ -127,17 +128,14 @@ def main() -> None:
             words = ["--localizers", args.localizer, "--world", args.world, "--loop", args.loop]
             words += ["--folder", str(args.folder), "--scanners", *args.scanners]
             list(pool.map(lambda name: run_script("lost_case.py", name, *words), names))
-    cases = [case for name in names for case in cases_of(args, name, other)]
+    begin = to_fit(args.localizer) if args.score is None else LocalizerClass.load(args.score)
+    cases = [case for name in names for case in cases_of(args, name, begin, other)]
     rng = np.random.default_rng(SEED)
     routes = [case.driven for case in cases]
     if args.score is None:
-        driven: dict[str, Any] = REGISTERED[args.localizer]
-        begin = LocalizerClass(
-            name=args.localizer, title=TITLES[args.localizer], gain=0.25, **driven
-        )
         fitted = calibrate(begin, routes, rng, start_std=START_STD)
     else:
-        fitted = as_it_is(LocalizerClass.load(args.score), routes, rng)
+        fitted = as_it_is(begin, routes, rng)
     if args.fit is not None:
         write_class(args.fit, fitted, cases)
     parts = [summary(fitted, cases, rng), reliability(fitted.left_out, cases)]
@@ -151,6 +149,16 @@ def main() -> None:
     )
 
 
+def to_fit(name: str) -> LocalizerClass:
+    """Return a class before its fit."""
+    driven: dict[str, Any] = REGISTERED[name]
+    begin = LocalizerClass(name=name, title=TITLES[name], gain=0.25, **driven)
+    parameters = begin.chosen(scanner_of("laser-4m"), OdometryNoise()).parameters
+    if not isinstance(parameters, MclParameters):
+        return begin
+    return replace(begin, echo_gain=ECHO_GAINS.get(parameters.laser_model_type))
+
+
 def function_of(place: str) -> Predictor:
     """Return the function that "module:function" names; modules are looked for here first."""
     module, _, name = place.partition(":")
@@ -161,7 +169,9 @@ def function_of(place: str) -> Predictor:
     return function
 
 
-def cases_of(args: argparse.Namespace, name: str, other: Predictor | None) -> list[Case]:
+def cases_of(
+    args: argparse.Namespace, name: str, begin: LocalizerClass, other: Predictor | None
+) -> list[Case]:
     """Return the driven routes of a building; none where it is too large."""
     folder: Path = args.folder / name
     ending = f"{args.localizer}_{args.world}_{args.loop}.npz"
@@ -175,7 +185,7 @@ def cases_of(args: argparse.Namespace, name: str, other: Predictor | None) -> li
             return []
         spacing = 0.2 if environment.free.area > LARGE else 0.1
         amap = build_map(environment, scanner_of(scanner), spacing=spacing, store=True)
-        field = InformationField.of(amap)
+        field = InformationField.of(amap, echoes=begin.limited_by_echoes(scanner_of(scanner)))
         for path in paths:
             with np.load(path) as kept:
                 record = {key: kept[key] for key in kept.files}

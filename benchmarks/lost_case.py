@@ -48,7 +48,7 @@ ODOMETRIES = {
 }
 """Of the robots, and known to the localizers: 2, 4 and 9 degrees and 3, 6 and 11 cm in a metre; the
 last one slips (5 degrees and 18 cm)."""
-SCANNERS = ("laser-4m", "laser-8m", "laser-30m", "sonar-ring", "mixed")
+SCANNERS = ("laser-3m", "laser-4m", "laser-8m", "sonar-ring", "laser-30m", "mixed")
 DRAWN = ("hall", "corridor", "office", "warehouse", "loop", "procedural", "cluttered")
 """Suites of which buildings are drawn,"""
 VARIANTS = 6

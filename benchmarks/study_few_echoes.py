@@ -1,17 +1,19 @@
-"""Where few beams return an echo more robots get lost than is forecast: how many more?
+"""Do forecasts hold where few beams return an echo, of localizers with a likelihood field?
 
 Routes between places that are drawn in each building are forecast, and driven with the same
-localizer, for two lasers of short range and poor odometry. Of localizers with a likelihood field.
+localizer, for two lasers of short range and poor odometry.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from harness import environment_of, option, parser_of, report, table
 from numpy.typing import NDArray
 
-from ambinav.forecasting.few_echoes import NOTABLE
-from ambinav.forecasting.forecast import Forecaster
+from ambinav.forecasting.forecast import Forecast, Forecaster
+from ambinav.forecasting.information_field import ECHOES, InformationField
 from ambinav.geometry.collision.reach import reach_of
 from ambinav.map_building.build import build_map
 from ambinav.routes.sampled import sample_routes
@@ -23,6 +25,10 @@ BUILDINGS = (
 LASERS = "turtlebot3-lds", "hokuyo-urg-04lx"
 RADIUS = 0.25
 DRAWS = 4000
+FEW = 0.1
+"""Share of the beams that is few, if not none: without any the forecast is of dead reckoning."""
+NOTABLE = 1.0
+"""Metres with few echoes from which a route is of the first group."""
 
 
 def main() -> None:
@@ -71,8 +77,17 @@ def figures(name: str, laser: str, localizer: str, count: int, drives: int) -> N
     for route in routes:
         forecast = forecaster(route)
         lost = runner.drive(route, np.random.default_rng(3), drives).lost
-        rows.append((forecast.lost_probability, lost.mean(), forecast.few_echoes))
+        few = few_echo_metres(forecast, forecaster.field)
+        rows.append((forecast.lost_probability, lost.mean(), few))
     return np.array(rows)
+
+
+def few_echo_metres(forecast: Forecast, field: InformationField) -> float:
+    """Return the metres of a route with echoes in some beams, but in fewer than `FEW` of them."""
+    echoes = replace(field, entries=field.entries[:, ECHOES:]).at(forecast.poses)
+    share, along = np.sqrt(echoes[:, 0, 0] + echoes[:, 1, 1]), forecast.distance
+    edges = np.concatenate([along[:1], (along[1:] + along[:-1]) / 2.0, along[-1:]])
+    return float(np.diff(edges)[(share > 1e-3) & (share < FEW)].sum())
 
 
 def summary(groups: list[NDArray[np.float64]]) -> list[str]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.filter_kernel import Room, between, filter_step
+from ambinav.forecasting.filter_kernel import between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.logs.frames import between as motion_between
 from ambinav.logs.frames import wrapped
@@ -130,7 +130,7 @@ def forecast_scans(log: Log, forecaster: Forecaster) -> tuple[Floats, Floats]:
     """Return covariances after each scan, (S, 3, 3), and raw lost shares up to it, (S,)."""
     poses = np.ascontiguousarray(log.required_poses())
     cov, whole = forecaster.start.copy(), forecaster.start.copy()
-    room = Room(cov.copy(), cov.copy(), poses[0].copy())
+    room = filter_room()
     covariance, lost = np.empty((log.scans, 3, 3)), np.zeros(log.scans)
     covariance[0], outside, tracked = cov, 0.0, 1.0
     predicted = cov.copy()

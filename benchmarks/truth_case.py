@@ -75,7 +75,7 @@ MOST_PLACES = 2000
 TAKEN_OVER = ("anchor", "base", "base_covariance", "mean", "covariance", "averages", "ticks")
 """Fields of a filter's state beside its particles and their number."""
 
-PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
+PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0, "laser-3m": 3.0}
 SONAR = RangeSensor(
     name="sonar", aperture=math.radians(30.0), min_range=0.15, max_range=3.0, resolution=0.01,
     std=0.02, max_incidence=math.radians(25.0), random_share=0.05,

@@ -38,14 +38,12 @@ class LostFigures:
         localizer: Class of localizer.
         odometry: Name of the odometry.
         forecast: Forecast share of each.
-        few_echoes: Metres of each on which forecasts are often too low.
         driven: Drives; empty if none were asked for.
     """
 
     localizer: LocalizerClass
     odometry: str
     forecast: Mapping[str, float]
-    few_echoes: Mapping[str, float]
     driven: Mapping[str, Ensemble]
 
     @classmethod
@@ -58,9 +56,8 @@ class LostFigures:
     ) -> LostFigures:
         """Forecast routes."""
         shares = forecaster.lost_probabilities(list(routes.values())).tolist()
-        few = {name: forecaster.few_echoes(route) for name, route in routes.items()}
         forecast = dict(zip(routes, shares, strict=True))
-        return cls(forecaster.localizer, odometry, forecast, few, driven)
+        return cls(forecaster.localizer, odometry, forecast, driven)
 
     def contradiction(self, name: str) -> str:
         """Describe how the drives of a route contradict its forecast; empty: they do not."""
@@ -71,9 +68,7 @@ class LostFigures:
 
     def plain(self, name: str) -> dict[str, Any]:
         """Return the figures of a route as plain data."""
-        figures: dict[str, Any] = {
-            "lost_probability": self.forecast[name], "few_echoes_m": self.few_echoes[name]
-        }  # fmt: skip
+        figures: dict[str, Any] = {"lost_probability": self.forecast[name]}
         if name in self.driven:
             driven = self.driven[name]
             figures["driven"] = {
@@ -162,13 +157,8 @@ def show_routes(
     for line in lines:
         typer.echo(line)
     if lost is not None:
-        from ambinav.forecasting.forecast import few_echoes_sentence
-
-        for name in routes:
-            if name in lost.driven:
-                typer.echo(f"{name}: {lost.driven[name].sentence}{lost.contradiction(name)}")
-            elif caveat := few_echoes_sentence(lost.few_echoes[name]):
-                typer.echo(f"{name}:{caveat} Drive it by --verify.")
+        for name, driven in lost.driven.items():
+            typer.echo(f"{name}: {driven.sentence}{lost.contradiction(name)}")
         typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (search.iterations or 0):

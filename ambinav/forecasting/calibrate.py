@@ -28,7 +28,7 @@ from ambinav.runtime.errors import InputError
 Floats = NDArray[np.float64]
 
 FOLDS = 5
-# Of the search: evaluations, and the size of its first steps in the logarithm of a gain.
+# Of a search: evaluations, and the size of its first steps in the logarithm of a gain.
 EVALUATIONS, FIRST_STEP = 60, 0.7
 # Logarithms of gains, at least and at most: of a position, sums of beams gain 1/5000 of a scan.
 LOW_GAIN, HIGH_GAIN = -12.0, 10.0
@@ -91,7 +91,8 @@ def calibrate(
     """Fit a class of localizers to drives, and score it on buildings left out.
 
     Args:
-        localizer: Name, title, intervals between updates, and gains to begin with.
+        localizer: Name, title, intervals between updates, `echo_gain`, which is kept, and gains to
+            begin with.
         routes: Drives in at least as many buildings as folds.
         rng: Draws the folds and the intervals.
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
@@ -191,18 +192,24 @@ def _fitted(
     """Return the class with the gains and odds that make the drives most likely."""
     shares = np.array([route.lost / route.runs for route in routes])
 
-    def of(gains: Floats) -> LocalizerClass:
-        gain, turn_gain = np.exp(np.clip(gains, LOW_GAIN, HIGH_GAIN)).tolist()
-        return replace(localizer, gain=gain, turn_gain=turn_gain)
+    def search(begin: LocalizerClass) -> LocalizerClass:
+        def of(gains: Floats) -> LocalizerClass:
+            gain, turn_gain = np.exp(np.clip(gains, LOW_GAIN, HIGH_GAIN)).tolist()
+            return replace(begin, gain=gain, turn_gain=turn_gain)
 
-    def loss(gains: Floats) -> float:
-        odds = log_odds(raw_shares(of(gains), routes, start))
-        return float(minimize(_loss, np.array([0.0, 0.0]), (odds, shares), jac=True).fun)
+        def loss(gains: Floats) -> float:
+            odds = log_odds(raw_shares(of(gains), routes, start))
+            return float(minimize(_loss, np.array([0.0, 0.0]), (odds, shares), jac=True).fun)
 
-    begin = np.log([localizer.gain, localizer.turn_gain])
-    simplex = np.vstack([begin, begin + FIRST_STEP * np.eye(2)])
-    options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-5}
-    fitted = of(minimize(loss, begin, method="Nelder-Mead", options=options).x)
+        first = np.log([begin.gain, begin.turn_gain])
+        simplex = np.vstack([first, first + FIRST_STEP * np.eye(2)])
+        options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-5}
+        return of(minimize(loss, first, method="Nelder-Mead", options=options).x)
+
+    fitted = search(replace(localizer, echo_gain=None))
+    if any(route.field.has_echoes for route in routes):
+        # From far away, the limit by echoes leads to a poor local optimum.
+        fitted = search(replace(fitted, echo_gain=localizer.echo_gain))
     odds = log_odds(raw_shares(fitted, routes, start))
     offset, logarithm = minimize(_loss, np.array([0.0, 0.0]), (odds, shares), jac=True).x.tolist()
     return replace(fitted, offset=offset, slope=math.exp(logarithm))

@@ -27,7 +27,6 @@ def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:
         "localizer": forecast.localizer.name,
         "odometry": odometry,
         "largest_error_m": float(error.max()),
-        "few_echoes_m": round(forecast.few_echoes, 3),
         "causes": [cause.plain for cause in forecast.causes],
         "curve": [
             {

@@ -4,7 +4,13 @@ The error of the estimate is a Gaussian (x, y, theta), as in a Kalman filter tha
 own errors (Thrun, Burgard & Fox 2005, "Probabilistic Robotics", chapter 3): the odometry adds its
 variances, and every so many metres or radians a scan adds a share of the map's information about
 the pose (`InformationField`). That has no ceiling: where a scan tells nothing, the error grows on
-beyond the neighbourhood that the map's ambiguity is of.
+beyond the neighbourhood that the map's ambiguity is of. A localizer that learns from echoes alone
+gains a part of that share J: with what the echoes of the scan tell at most, C = echo_gain E,
+
+    (J^-1 + C^-1)^-1,
+
+the information of a position that errs by what the scan leaves open, and beside that by what the
+echoes do (the parallel sum: Anderson & Duffin 1969, "Series and parallel addition of matrices").
 
 Lost is who is off by more than a limit after a scan, for the first time (first passage). Two shares
 enclose it:
@@ -34,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import propagate_covariance
-from ambinav.forecasting.information_field import information_at
+from ambinav.forecasting.information_field import ECHOES, information_at, matrix_at
 from ambinav.geometry.motion.circles import wrap
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
@@ -66,6 +72,8 @@ class FilterSettings(NamedTuple):
         lateral_limit: Metres across the heading, likewise; inf: the position's limit holds in any
             direction.
         heading_limit: Radians, likewise.
+        echo_gain: Factor on what the echoes of a scan tell, 1/m^2; where the field has none, or at
+            inf, they are no limit.
     """
 
     gain: float
@@ -75,14 +83,22 @@ class FilterSettings(NamedTuple):
     position_limit: float
     lateral_limit: float
     heading_limit: float
+    echo_gain: float = math.inf
 
 
 class Room(NamedTuple):
-    """Arrays that a step of the filter overwrites: two matrices (3, 3) and a pose (3,)."""
+    """Arrays that a step of the filter overwrites: matrices (3, 3) and a pose (3,)."""
 
     information: Floats
     gained: Floats
+    echoes: Floats
     mean: Floats
+
+
+@kernel
+def filter_room():
+    """Return arrays for `filter_step`."""
+    return Room(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
 
 
 @kernel
@@ -128,7 +144,7 @@ def forecast_rows(
             each pose, shape (M, 3, 3).
         lost: Written: share lost up to each pose, shape (M,).
     """
-    room = Room(start.copy(), start.copy(), poses[0].copy())
+    room = filter_room()
     cov, whole = start.copy(), start.copy()
     for route in range(low, high):
         begin = first[route]
@@ -180,10 +196,9 @@ def filter_step(
     turn = abs(wrap(after[2] - before[2]))
     updates = max(metres / settings.distance, turn / settings.angle)
     if updates > 0.0:
-        information_at(after[0], after[1], after[2], fields, *lattice, room.information)
+        gained_at(after, updates, fields, lattice, settings, room)
         for matrix in (cov, whole):
             copy_into(room.gained, room.information)
-            scale(room.gained, settings.gain * updates, math.sqrt(settings.turn_gain))
             take_in(matrix, room.gained)
         outside = max(outside, 1.0 - share_within(whole, settings, after[2]))
         tracked *= cut_off(cov, settings, after[2])
@@ -198,6 +213,54 @@ def between(a, b):
     a, b = max(a, LEAST_LOST), min(b, 1.0 - LEAST_LOST)
     odds = math.sqrt(a / (1.0 - min(a, 1.0 - LEAST_LOST)) * b / (1.0 - b))
     return odds / (1.0 + odds)
+
+
+@kernel
+def gained_at(pose, updates, fields, lattice, settings, room):
+    """Write what so many updates at a pose, (3,), gain to `room.information`."""
+    _, entries = fields
+    information_at(pose[0], pose[1], pose[2], fields, *lattice, room.information)
+    scale(room.information, settings.gain * updates, math.sqrt(settings.turn_gain))
+    if entries.shape[1] > ECHOES and settings.echo_gain < math.inf:
+        matrix_at(pose[0], pose[1], pose[2], fields, *lattice, ECHOES, room.echoes)
+        scale(room.echoes, settings.echo_gain * updates, 1.0)
+        limit(room.information, room.echoes, room.gained)
+
+
+@kernel
+def gained_rows(low, high, poses, fields, lattice, settings, out):
+    """Write what an update gains at poses low to high, (N, 3), to `out`, (N, 3, 3)."""
+    room = filter_room()
+    for p in range(low, high):
+        gained_at(poses[p], 1.0, fields, lattice, settings, room)
+        copy_into(out[p], room.information)
+
+
+@kernel
+def limit(information, most, work):
+    """Replace an information J by (J^-1 + C^-1)^-1 = J - J (J + C)^-1 J, in place.
+
+    Args:
+        information: J, shape (3, 3).
+        most: C, likewise; overwritten.
+        work: Overwritten, shape (3, 3).
+    """
+    # The Schur complement of J + C in [[J + C, J], [J, J]], a pivot after the other.
+    for i in range(3):
+        for j in range(3):
+            most[i, j] += information[i, j]
+            work[i, j] = information[i, j]
+    least = LEAST_PIVOT * (most[0, 0] + most[1, 1] + most[2, 2])
+    for k in range(3):
+        pivot = most[k, k]
+        if not pivot > least:
+            continue
+        subtract_square(information, work[k, 0], work[k, 1], work[k, 2], 1.0 / pivot)
+        for i in range(k + 1, 3):
+            factor = most[i, k] / pivot
+            for j in range(3):
+                most[i, j] -= factor * most[k, j]
+                work[i, j] -= factor * work[k, j]
 
 
 @kernel(inline="always")
@@ -218,7 +281,8 @@ def take_in(cov, information):
     one after the other (Bierman 1977, "Factorization methods for discrete sequential estimation").
     """
     a = information
-    least = LEAST_PIVOT * (a[0, 0] + a[1, 1] + a[2, 2])
+    # Rounding may have left less than nothing of an information that `limit` took away.
+    least = max(LEAST_PIVOT * (a[0, 0] + a[1, 1] + a[2, 2]), 0.0)
     for k in range(3):
         pivot = a[k, k]
         if not pivot > least:

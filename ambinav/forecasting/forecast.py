@@ -18,12 +18,6 @@ from ambinav.drive.odometries import odometry_of
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import Cause, causes_of
 from ambinav.forecasting.ensemble import EnsembleRunner, LostRule
-from ambinav.forecasting.few_echoes import (
-    FEW,
-    NOTABLE,
-    few_echo_metres,
-    learns_from_echoes_alone,
-)
 from ambinav.forecasting.filter_kernel import forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
@@ -60,8 +54,6 @@ class Forecast:
         causes: Stretches on which robots get lost, the worst first.
         localizer: The class of localizer that it is of.
         odometry: Errors of the odometry that it is of.
-        few_echoes: Metres on which few beams return an echo, where forecasts are often too low
-            (`ambinav.forecasting.few_echoes`); 0 for localizers that do not mind.
     """
 
     poses: Floats
@@ -71,7 +63,6 @@ class Forecast:
     causes: tuple[Cause, ...]
     localizer: LocalizerClass
     odometry: OdometryNoise
-    few_echoes: float = 0.0
 
     @property
     def lost_probability(self) -> float:
@@ -87,12 +78,7 @@ class Forecast:
     def sentence(self) -> str:
         """The probability and its main cause in words."""
         where = f", {self.causes[0]}" if self.causes else ""
-        return f"{in_words(self.lost_probability)} lost on this route{where}.{self.caveat}"
-
-    @property
-    def caveat(self) -> str:
-        """Sentence, after a blank, on where forecasts are often too low; empty if nowhere."""
-        return few_echoes_sentence(self.few_echoes)
+        return f"{in_words(self.lost_probability)} lost on this route{where}."
 
     def __repr__(self) -> str:
         """Return probability and largest error as text."""
@@ -154,9 +140,7 @@ class Forecaster:
         kept, scanner = place_and_scanner(amap, None)
         self._building = kept if environment is None else environment
         self._scanner = scanner
-        chosen = self.localizer.chosen(scanner, self.odometry)
-        self._needs_echoes = learns_from_echoes_alone(chosen)
-        note = chosen.note(scanner)
+        note = self.localizer.chosen(scanner, self.odometry).note(scanner)
         if note is not None:
             warnings.warn(
                 f"localizer {self.localizer.name!r} was not calibrated for this: {note}",
@@ -168,7 +152,9 @@ class Forecaster:
             sampled_poses = [self._sampled(route)[0] for route in _checked(routes)]
             poses = np.concatenate([np.empty((0, 3)), *sampled_poses])
             self._only = frozenset(part.tobytes() for part in sampled_poses)
-        self.field = InformationField.of(amap, environment, poses)
+        self.field = InformationField.of(
+            amap, environment, poses, echoes=self.localizer.limited_by_echoes(scanner)
+        )
         self.start = np.diag(np.square(_deviations(start_std)))
         self.settings = self.localizer.settings(
             _limit(position_limit, "position_limit"),
@@ -182,18 +168,11 @@ class Forecaster:
         Raises:
             InputError: the route does not lie on the map's floor, or is none of `routes`.
         """
-        poses, along = self._sampled(route)
+        poses, along = self._sampled(*_checked([route]))
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
         causes = causes_of(poses, along, lost, covariance, self.lost_rule)
-        return Forecast(
-            poses, along, covariance, lost, causes, self.localizer, self.odometry,
-            self._few_echoes(poses, along),
-        )  # fmt: skip
-
-    def few_echoes(self, route: Route) -> float:
-        """Return the metres of a route on which few beams return an echo; see `Forecast`."""
-        return self._few_echoes(*self._sampled(route))
+        return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
 
     @property
     def lost_rule(self) -> LostRule:
@@ -234,11 +213,6 @@ class Forecaster:
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
             lost=self.lost_rule,
         )  # fmt: skip
-
-    def _few_echoes(self, poses: Floats, along: Floats) -> float:
-        if not self._needs_echoes:
-            return 0.0
-        return few_echo_metres(self._building, self._scanner, poses, along)
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         xmin, ymin, xmax, ymax = self.map.bounds
@@ -312,10 +286,6 @@ def forecast(
     Raises:
         InputError: see `Forecaster`, and its call.
     """
-    if not isinstance(route, Route):
-        raise InputError(
-            f"route is a {type(route).__name__}; give a Route, such as of plan or load_route."
-        )
     forecaster = Forecaster(
         amap, odometry, localizer,
         start_std=start_std, position_limit=position_limit, heading_limit=heading_limit,
@@ -339,16 +309,6 @@ def sampled(route: Route, distance: float, angle: float) -> tuple[Floats, Floats
     poses, _, along = route.steering.dense(route.poses, distance / FINER)
     kept = updates_apart(poses, along, distance, angle)
     return poses[kept], along[kept]
-
-
-def few_echoes_sentence(metres: float) -> str:
-    """Return a sentence after a blank on metres with few echoes; empty if they are not notable."""
-    if metres < NOTABLE:
-        return ""
-    return (
-        f" On {metres:.1f} m of it fewer than 1 in {1.0 / FEW:.0f} beams return an echo, where "
-        "forecasts are often too low."
-    )
 
 
 def in_words(probability: float) -> str:

@@ -27,6 +27,18 @@ is half of F / tau (docs/model.md). Where the map has `heading_radius` and `head
 scanners that look all around), h is no more than what they tell by the formula above: with the
 position unknown by a spacing, and less along walls, where F takes beams for linear that reach their
 cap. Which of tensor, F and both predicts best was measured: docs/planning.md.
+
+Echoes: a localizer with a likelihood field (Thrun, Burgard & Fox 2005, section 6.4) weighs how far
+the ends of beams are from the nearest wall, and passes over beams without an echo, which the tensor
+counts. What it can tell at most is
+
+    E = s / B  sum n n^T
+
+over the beams with an echo, a share s of all B: n has the derivatives, by x, y and theta, of the
+distance between a beam's end and the wall that it met, along the wall's normal. Of a Gaussian error
+the sum is the Fisher information. The likelihood of a beam's end is bounded, though: a few echoes
+do not tell particles apart that are spread out, hence s, with which forecasts agreed better with
+drives.
 """
 
 from __future__ import annotations
@@ -41,7 +53,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
-from ambinav.localization.information import beam_noise, informations, ray_caster
+from ambinav.localization.information import NOBODY, beam_noise, informations, ray_caster
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import bilinear, corner
 from ambinav.runtime.errors import InputError
@@ -68,7 +80,8 @@ class InformationField:
             can be; int32, shape (rows, columns, headings), headings 1 if it does not matter.
         entries: xx, xy, yy (1/m^2), their couplings xt, yt with the heading (1/(m rad)), tt
             (1/rad^2), and the least information about the position over all directions if the
-            heading is unknown (1/m^2); float32, shape (N, 7).
+            heading is unknown (1/m^2); float32, shape (N, 7). With echoes shape (N, 13): xx, xy,
+            yy (1), xt, yt (m), tt (m^2) of E follow.
         origin: x and y of the first cell's centre, metres.
         spacing: Metres.
     """
@@ -84,6 +97,8 @@ class InformationField:
         amap: AmbiguityMap,
         environment: Environment | None = None,
         poses: Floats | None = None,
+        *,
+        echoes: bool = False,
     ) -> InformationField:
         """Compute it from a map, whose walls and scanner give the part about the heading.
 
@@ -93,6 +108,7 @@ class InformationField:
                 space is the floor alone.
             poses: Poses at which it is wanted, shape (N, 3), in less time; elsewhere it is that of
                 the nearest cell computed. None: the whole map.
+            echoes: Compute what echoes alone tell, too.
 
         Raises:
             InputError: the map does not tell its scanner, or by which parameters it was made.
@@ -109,7 +125,8 @@ class InformationField:
         turning = _Turning(amap, environment)
         # Of a large building most cells are not floor: values are kept once for each pose.
         nearest = np.zeros(possible.shape, dtype=np.int32)
-        entries = np.empty((np.count_nonzero(possible), 7), dtype=np.float32)
+        columns = ECHOES + 6 if echoes else ECHOES
+        entries = np.empty((np.count_nonzero(possible), columns), dtype=np.float32)
         done = 0
         for k in range(headings):
             # One heading at a time, so that only one floor is in memory.
@@ -121,12 +138,14 @@ class InformationField:
             here = np.column_stack(
                 [data["x"].values[column], data["y"].values[row], np.full(len(row), theta[k])]
             )
-            turn, shift = turning.at(here)
+            turn, shift, ends = turning.at(here, echoes)
             if "heading" in at:
                 turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
             part = slice(done, done + len(row))
             nearest[row, column, k] = np.arange(part.start, part.stop)
-            entries[part] = np.column_stack(_entries(at, turn, shift))
+            entries[part, :ECHOES] = np.column_stack(_entries(at, turn, shift))
+            if echoes:
+                entries[part, ECHOES:] = ends[:, *_UPPER]
             done = part.stop
         for k in range(headings):
             nearest[:, :, k] = nearest[nearest_possible(possible, k)]
@@ -137,6 +156,11 @@ class InformationField:
     def fields(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """What `information_at` reads."""
         return self.nearest, self.entries
+
+    @property
+    def has_echoes(self) -> bool:
+        """True if it has what echoes alone tell."""
+        return bool(self.entries.shape[1] > ECHOES)
 
     @property
     def weak(self) -> NDArray[np.float32]:
@@ -155,6 +179,9 @@ class InformationField:
         return out
 
 
+ECHOES = 7
+"""Column of `InformationField.entries` at which those of the echoes begin."""
+_UPPER = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
 LAYERS = ("major", "minor", "major_radius", "minor_radius", "direction")
 TURNS = ("heading", "heading_radius")
 
@@ -198,6 +225,7 @@ class _Turning:
                 )
         beams, weight = _thinned(scanner, amap.possible.shape[2])
         weight = weight * _used(scanner, parameters["beams_used"])[beams]
+        self.weight = weight / weight.sum()
         self.share = 1.0 / (2.0 * parameters["tau"])
         self.cast = ray_caster(environment, scanner, beams)
         noise = beam_noise(environment, scanner, float(parameters["map_std"]))
@@ -210,17 +238,26 @@ class _Turning:
             steady=noise.steady[noise.row[beams]],
         )
 
-    def at(self, poses: Floats) -> tuple[Floats, Floats]:
-        """Return h, shape (N,), 1/rad^2, and c, shape (N, 2), metres, at poses (N, 3)."""
+    def at(self, poses: Floats, echoes: bool) -> tuple[Floats, Floats, Floats]:
+        """Return h (1/rad^2), c (metres) and E at poses (N, 3).
+
+        Shapes (N,), (N, 2) and, without `echoes`, (0, 3, 3), else (N, 3, 3).
+        """
         matrices = np.empty((len(poses), 3, 3))
-        informations(np.ascontiguousarray(poses), self.cast, self.noise, matrices)
+        ends = np.empty((len(poses) if echoes else 0, 3, 3))
+        informations(
+            np.ascontiguousarray(poses), self.cast, self.noise, matrices,
+            self.weight if echoes else NOBODY, ends,
+        )  # fmt: skip
+        # Normals are unit vectors, so that the trace about x and y is s.
+        ends *= (ends[:, 0, 0] + ends[:, 1, 1])[:, np.newaxis, np.newaxis]
         turn = matrices[:, 2, 2]
         # A scan that tells nothing of the heading has no coupling either.
         shift = np.divide(
             matrices[:, :2, 2], turn[:, np.newaxis], out=np.zeros((len(poses), 2)),
             where=turn[:, np.newaxis] > 0.0,
         )  # fmt: skip
-        return self.share * turn, shift
+        return self.share * turn, shift, ends
 
 
 def _used(scanner: RangeScanner, beams_used: int) -> Floats:
@@ -274,6 +311,12 @@ def _along(ratio: Floats, radius: Floats) -> Floats:
 @kernel
 def information_at(x, y, theta, fields, left, low, inverse, out):
     """Write the information matrix at a pose to `out`, shape (3, 3)."""
+    matrix_at(x, y, theta, fields, left, low, inverse, 0, out)
+
+
+@kernel
+def matrix_at(x, y, theta, fields, left, low, inverse, first, out):
+    """Write the matrix whose entries begin in column `first` at a pose, shape (3, 3)."""
     nearest, entries = fields
     rows, columns, headings = nearest.shape
     c, a = corner((x - left) * inverse, columns)
@@ -288,7 +331,7 @@ def information_at(x, y, theta, fields, left, low, inverse, out):
         weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
         here, right = entries[nearest[r, c, t]], entries[nearest[r, c1, t]]
         above, across = entries[nearest[r1, c, t]], entries[nearest[r1, c1, t]]
-        k = 0
+        k = first
         for j in range(3):
             for i in range(j + 1):
                 out[i, j] += weight * bilinear(here[k], right[k], above[k], across[k], a, b)

@@ -33,6 +33,7 @@ from ambinav.drive.localizer_spec import (
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.filter_kernel import FilterSettings
+from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
@@ -42,6 +43,9 @@ Plain = str | Mapping[str, Any]
 
 _FOLDER: Final = Path(__file__).parent / "localizers"
 _EXAMPLE: Final = "a mapping with name, gain, slope and offset"
+ECHO_GAINS: Final = {"likelihood_field_prob": 3000.0, "likelihood_field": 500.0}
+"""`LocalizerClass.echo_gain` by the laser's model: with these, forecasts agree with drives where few
+beams return an echo (benchmarks/study_few_echoes.py), and elsewhere they fit as well."""
 # Probabilities nearer to 0 or 1 count as so near: their log odds are finite.
 LEAST_PROBABILITY: Final = 1e-6
 
@@ -55,6 +59,9 @@ class LocalizerClass:
         title: What reports call it.
         gain: Factor on a scan's information in an update.
         turn_gain: Factor on that about the heading, beside `gain`.
+        echo_gain: Of a localizer that passes over beams without an echo, what echoes tell at most:
+            the information about a position, 1/m^2, of an update whose beams all end on one wall,
+            across it (`InformationField`). None: without an echo a beam tells as much.
         distance: Metres from one update to the next.
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
@@ -73,6 +80,7 @@ class LocalizerClass:
     title: str
     gain: Positive
     turn_gain: Positive = 1.0
+    echo_gain: Positive | None = None
     distance: Positive = 0.25
     angle: Positive = 0.2
     slope: Positive = 1.0
@@ -141,6 +149,15 @@ class LocalizerClass:
             made = chosen_localizer(suited(self.otherwise, scanner), *motion)
         return made
 
+    def limited_by_echoes(self, scanner: RangeScanner) -> bool:
+        """Return whether `echo_gain` holds for drives with a scanner: of a likelihood field."""
+        if self.echo_gain is None:
+            return False
+        parameters = self.chosen(scanner, OdometryNoise()).parameters
+        return isinstance(parameters, MclParameters) and parameters.laser_model_type.startswith(
+            "likelihood_field"
+        )
+
     @property
     def runs_command(self) -> bool:
         """True if its drives start a program that the file names, with the user's rights."""
@@ -170,7 +187,7 @@ class LocalizerClass:
         across = math.inf if lateral_limit is None else lateral_limit
         return FilterSettings(
             self.gain, self.turn_gain, self.distance, self.angle, position_limit, across,
-            heading_limit,
+            heading_limit, math.inf if self.echo_gain is None else self.echo_gain,
         )  # fmt: skip
 
     def calibrated(self, raw: Floats) -> Floats:

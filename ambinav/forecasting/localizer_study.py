@@ -22,7 +22,7 @@ from ambinav.drive.robot import Robot
 from ambinav.forecasting.calibrate import FOLDS, Calibration, DrivenRoute, calibrate
 from ambinav.forecasting.forecast import START_STD
 from ambinav.forecasting.kept_drives import KeptDrives
-from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
 from ambinav.forecasting.study_drives import (
     RATE,
     Driver,
@@ -99,7 +99,12 @@ def uncalibrated(name: str, plain: Mapping[str, Any] | str) -> LocalizerClass:
         return begin
     # 0 takes in every scan.
     distance, angle = chosen.parameters.update_min_d, chosen.parameters.update_min_a
-    return replace(begin, distance=max(distance, LEAST_STEP), angle=max(angle, LEAST_STEP))
+    return replace(
+        begin,
+        distance=max(distance, LEAST_STEP),
+        angle=max(angle, LEAST_STEP),
+        echo_gain=ECHO_GAINS.get(chosen.parameters.laser_model_type),
+    )
 
 
 def study_localizer(

@@ -32,7 +32,6 @@ from ambinav.forecasting.filter_kernel import (
     axes,
     between,
     cut_off,
-    scale,
     share_within,
     take_in,
 )
@@ -47,14 +46,14 @@ SETTLED = 1e-4
 
 @kernel
 def steady_rows(
-    low, high, information, headings, start, noise, settings, doublings, spread, lost
+    low, high, gained, headings, start, noise, settings, doublings, spread, lost
 ):  # fmt: skip
     """Drive over floor as at each of poses low to high.
 
     Args:
         low: The first.
         high: One past the last.
-        information: What a scan tells there, shape (N, 3, 3).
+        gained: Information that an update gains there, shape (N, 3, 3).
         headings: Directions of driving, radians, shape (D,).
         start: Covariance at the beginning, shape (3, 3).
         noise: `OdometryNoise.packed`.
@@ -71,8 +70,7 @@ def steady_rows(
     work = np.empty((4, 3, 3))
     mean = np.empty(3)
     for p in range(low, high):
-        copy_into(scan, information[p])
-        scale(scan, settings.gain, math.sqrt(settings.turn_gain))
+        copy_into(scan, gained[p])
         for d in range(len(headings)):
             theta = headings[d]
             x, y = settings.distance * math.cos(theta), settings.distance * math.sin(theta)

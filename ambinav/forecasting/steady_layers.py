@@ -25,6 +25,7 @@ from ambinav.config import as_count, as_number
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
+from ambinav.forecasting.filter_kernel import gained_rows
 from ambinav.forecasting.forecast import START_STD
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
@@ -102,8 +103,11 @@ def steady_state(
     amap = context.amap
     if amap is None:
         raise InputError("the layer is made of a map's ambiguity; build the map first.")
+    echoes = kind.limited_by_echoes(context.full_scanner)
     field = context.keep(
-        "information field", None, lambda: InformationField.of(amap, context.environment)
+        "information field",
+        echoes,
+        lambda: InformationField.of(amap, context.environment, echoes=echoes),
     )
     doublings = max(math.ceil(math.log2(metres / kind.distance)), 0)
     driven = (1 + 2**doublings) * kind.distance
@@ -111,12 +115,17 @@ def steady_state(
     around = 2.0 * math.pi * np.arange(count) / count
     shape = len(context.points[0]), len(context.headings)
     spread, rate = np.empty((*shape, 3)), np.full(shape, math.nan)
+    gained = np.empty((shape[0], 3, 3))
     for k in range(shape[1]):
         headings = context.headings[k : k + 1] if context.has_theta else around
+        run_rows(
+            gained_rows, shape[0], context.poses(k), field.fields, field.lattice, settings, gained,
+            least=256,
+        )  # fmt: skip
         each = np.empty((shape[0], len(headings), 3))
         lost = np.empty((shape[0], len(headings) if loses else 0))
         run_rows(
-            steady_rows, shape[0], field.at(context.poses(k)), headings,
+            steady_rows, shape[0], gained, headings,
             np.diag(np.square(START_STD)), noise.packed, settings, doublings, each, lost,
             least=64,
         )  # fmt: skip

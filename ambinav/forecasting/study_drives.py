@@ -139,7 +139,7 @@ class Driver:
             environment, scanner, spacing=settings.spacing, store=self._store,
             progress=lambda share: report(0.5 * share),
         )  # fmt: skip
-        field = InformationField.of(amap)
+        field = InformationField.of(amap, echoes=begin.limited_by_echoes(scanner))
         odometries = list(settings.odometries.values())
         made_of = digest_of(code_digest(), environment_digest(environment), scanner, settings.robot)
 

@@ -45,6 +45,8 @@ RAYS_AT_ONCE = 4_000_000
 # A range is taken to change no faster than at this cosine of the incidence angle (87 degrees):
 # so near to grazing, a linear model is wrong.
 GRAZING = 0.05
+# No beams and no matrices, for `informations`.
+NOBODY, NOTHING = np.empty(0), np.empty((0, 3, 3))
 
 
 class BeamNoise(NamedTuple):
@@ -263,23 +265,27 @@ def line_space(beams, rays):
 
 
 @kernel
-def _informations(low, high, poses, cast, noise, out):
+def _informations(low, high, poses, cast, noise, out, share, echoes):
     work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         beam_lines(
             poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, line
         )
         _sum_lines(line, out[p])
+        if share.size > 0:
+            _sum_normals(line, share, echoes[p])
 
 
 @kernel
-def _informations_of_hits(low, high, theta, tables, noise, distance, hit, out):
+def _informations_of_hits(low, high, theta, tables, noise, distance, hit, out, share, echoes):
     work, ranges, ray, edge, line = line_space(noise.far.size, tables.cosine.size)
     ux, uy, _, _, stack = work
     for p in range(low, high):
         nearest_echoes(tables, (ux, uy, distance[p], hit[p], stack), ranges, ray, edge)
         linear_readings(theta[p], tables, noise, ranges, ray, edge, line)
         _sum_lines(line, out[p])
+        if share.size > 0:
+            _sum_normals(line, share, echoes[p])
 
 
 @kernel(forceinline=True)
@@ -293,10 +299,41 @@ def _sum_lines(line, out):
                     out[i, j] += line[b, 1 + i] * line[b, 1 + j] / line[b, 4]
 
 
-def informations(poses: Floats, cast: CastTables | MeshRays, noise: BeamNoise, out: Floats) -> None:
-    """Write the information of a scan at each pose (N, 3) to `out` (N, 3, 3)."""
+@kernel(forceinline=True)
+def _sum_normals(line, share, out):
+    """Write sums over the beams with an echo: see `informations`."""
+    out[:] = 0.0
+    for b in range(line.shape[0]):
+        square = line[b, 1] * line[b, 1] + line[b, 2] * line[b, 2]
+        # What is level, or a foot at rest, moves no echo in the plane.
+        if line[b, 4] < math.inf and square > 0.0:
+            for i in range(3):
+                for j in range(3):
+                    out[i, j] += line[b, 1 + i] * line[b, 1 + j] * share[b] / square
+
+
+def informations(
+    poses: Floats,
+    cast: CastTables | MeshRays,
+    noise: BeamNoise,
+    out: Floats,
+    share: Floats = NOBODY,
+    echoes: Floats = NOTHING,
+) -> None:
+    """Write the information of a scan at each pose, and what its echoes alone tell.
+
+    Args:
+        poses: Shape (N, 3), metres and radians.
+        cast: Rays of the beams.
+        noise: Noise of the beams.
+        out: Written: the Fisher information, shape (N, 3, 3).
+        share: Shares of the beams in `echoes`, shape (B,); empty to leave these out.
+        echoes: Written: sums of share n n^T over the beams with an echo, shape (N, 3, 3), n the
+            derivatives by x, y (1) and theta (m) of how far the surface is from the beam's end,
+            along the surface's normal.
+    """
     if not isinstance(cast, MeshRays):
-        run_rows(_informations, len(poses), poses, cast, noise, out, least=16)
+        run_rows(_informations, len(poses), poses, cast, noise, out, share, echoes, least=16)
         return
     step = max(RAYS_AT_ONCE // len(cast.incidence), 1)
     for low in range(0, len(poses), step):
@@ -304,7 +341,7 @@ def informations(poses: Floats, cast: CastTables | MeshRays, noise: BeamNoise, o
         distance, face = cast.cast(poses[part])
         run_rows(
             _informations_of_hits, len(distance), poses[part, 2].copy(), cast.tables, noise,
-            distance, face, out[part], least=16,
+            distance, face, out[part], share, echoes[part], least=16,
         )  # fmt: skip
 
 

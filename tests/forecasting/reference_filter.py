@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.stats import norm, truncnorm
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.filter_kernel import FilterSettings
-from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.information_field import ECHOES, InformationField
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +39,10 @@ def reference(
         updates = max(metres / settings.distance, turn / settings.angle)
         if updates > 0.0:
             J = settings.gain * updates * turning @ field.at(after[None])[0] @ turning
+            if field.has_echoes and settings.echo_gain < math.inf:
+                echoes = replace(field, entries=field.entries[:, ECHOES:])
+                C = settings.echo_gain * updates * echoes.at(after[None])[0]
+                J = J @ np.linalg.pinv(J + C, hermitian=True) @ C
             both = np.linalg.inv(np.linalg.inv(both) + J)
         P, whole = both
         if updates > 0.0:

@@ -25,11 +25,20 @@ TRUTH = replace(BEGIN, gain=0.6, turn_gain=0.3, offset=-0.4, slope=0.8)
 START = (0.05, 0.05, 0.02)
 
 
-def driven_routes(rng: np.random.Generator, count: int, runs: int) -> list[DrivenRoute]:
-    """Routes whose robots get lost as `TRUTH` says."""
+def driven_routes(
+    rng: np.random.Generator,
+    count: int,
+    runs: int,
+    truth: LocalizerClass = TRUTH,
+    echoes: tuple[float, ...] = (),
+) -> list[DrivenRoute]:
+    """Routes whose robots get lost as `truth` says, with such shares of beams with an echo."""
     fields = [
-        even_field(np.diag([weak, 3.0 * weak, 4.0 * weak + turn]))
-        for weak in (0.0, 0.5, 2.0, 8.0) for turn in (1.0, 50.0)
+        even_field(
+            np.diag([weak, 3.0 * weak, 4.0 * weak + turn]),
+            echoes=np.diag([share, share, 5.0]) if echoes else None,
+        )
+        for weak in (0.0, 0.5, 2.0, 8.0) for turn in (1.0, 50.0) for share in echoes or (0.0,)
     ]  # fmt: skip
     routes = []
     for k in range(count):
@@ -37,7 +46,7 @@ def driven_routes(rng: np.random.Generator, count: int, runs: int) -> list[Drive
         poses = straight(rng.uniform(2.0, 9.0), 0.25)
         building = f"building-{k % 10}"
         routes.append(DrivenRoute(building, fields[k % len(fields)], poses, noise, 0, runs))
-    shares = TRUTH.calibrated(raw_shares(TRUTH, routes, np.diag(np.square(START))))
+    shares = truth.calibrated(raw_shares(truth, routes, np.diag(np.square(START))))
     return [
         replace(route, lost=int(rng.binomial(runs, share)))
         for route, share in zip(routes, shares.tolist(), strict=True)
@@ -59,6 +68,16 @@ def test_finds_the_truth_again() -> None:
         entry.calibrated(raw_shares(entry, routes, start)) for entry in (result.localizer, TRUTH)
     )
     assert np.abs(ours - theirs).max() < 0.05
+
+
+def test_finds_the_truth_beyond_the_limit_by_echoes() -> None:
+    rng, truth = np.random.default_rng(7), replace(TRUTH, gain=3.0, echo_gain=4.0)
+    routes = driven_routes(rng, 160, 200, truth, (0.02, 0.2, 1.0))
+    begin = replace(BEGIN, echo_gain=truth.echo_gain)
+    found = calibrate(begin, routes, rng, start_std=START, folds=2).localizer
+    assert found.echo_gain == truth.echo_gain
+    assert found.gain == pytest.approx(truth.gain, rel=0.3)
+    assert found.slope == pytest.approx(truth.slope, rel=0.15)
 
 
 def test_skill_is_none_for_the_base_rate_and_reaches_the_ceiling() -> None:

@@ -29,17 +29,24 @@ START = np.diag([0.05, 0.05, 0.02]) ** 2
 SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.inf, math.radians(30.0))
 
 
-def field_of(matrices: Floats, spacing: float = 0.1) -> InformationField:
-    """A field of information matrices, (rows, columns, 3, 3), from x = y = 0 on."""
-    which = (0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2), (0, 0)
-    entries = np.column_stack([matrices[:, :, i, j].ravel() for i, j in which])
+def field_of(
+    matrices: Floats, spacing: float = 0.1, echoes: Floats | None = None
+) -> InformationField:
+    """A field of matrices, (rows, columns, 3, 3), from x = y = 0 on; and what echoes tell."""
+    which = (0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)
+    columns = [matrices[:, :, i, j].ravel() for i, j in (*which, (0, 0))]
+    if echoes is not None:
+        columns += [echoes[:, :, i, j].ravel() for i, j in which]
+    entries = np.column_stack(columns)
     nearest = np.arange(len(entries), dtype=np.int32).reshape(*matrices.shape[:2], 1)
     return InformationField(nearest, entries.astype(np.float32), (0.0, 0.0), spacing)
 
 
-def even_field(matrix: Floats, size: int = 120) -> InformationField:
+def even_field(matrix: Floats, size: int = 120, echoes: Floats | None = None) -> InformationField:
     """A field that is the same everywhere."""
-    return field_of(np.broadcast_to(matrix, (size, size, 3, 3)))
+    shape = size, size, 3, 3
+    known = None if echoes is None else np.broadcast_to(echoes, shape)
+    return field_of(np.broadcast_to(matrix, shape), echoes=known)
 
 
 def run(
@@ -70,18 +77,45 @@ def straight(metres: float, step: float, x: float = 1.0, y: float = 5.0) -> Floa
 def test_equals_the_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(40, 40, 3, 3)) * rng.choice([0.0, 1.0, 20.0], size=(40, 40, 1, 1))
-    field = field_of(root @ root.transpose(0, 1, 3, 2))
+    ends = rng.normal(size=(40, 40, 3, 2)) * rng.choice([0.0, 1.0], size=(40, 40, 1, 1))
+    field = field_of(
+        root @ root.transpose(0, 1, 3, 2),
+        echoes=ends @ ends.transpose(0, 1, 3, 2) if rng.random() < 0.7 else None,
+    )
     poses = np.column_stack([rng.uniform(0.5, 3.5, (12, 2)), rng.uniform(-3.0, 3.0, 12)])
     poses[5, :2] = poses[4, :2]  # a turn on the spot
     poses[8] = poses[7]  # and none at all
     noise = OdometryNoise(scale=rng.uniform(0.1, 1.0))
     gains, lateral = rng.uniform(0.05, 2.0, 2), float(rng.choice([0.2, math.inf]))
-    settings = FilterSettings(*gains, 0.25, 0.2, 0.5, lateral, 0.5)
+    echo_gain = float(rng.choice([0.5, 20.0, math.inf]))
+    settings = FilterSettings(*gains, 0.25, 0.2, 0.5, lateral, 0.5, echo_gain)
     for ours, theirs in zip(
         run(poses, field, noise, settings), reference(poses, START, field, noise, settings),
         strict=True,
     ):  # fmt: skip
         assert ours == pytest.approx(theirs, rel=1e-4, abs=1e-4)
+
+
+def test_echoes_are_a_limit() -> None:
+    noise = OdometryNoise()
+    plain, echoes = np.diag([400.0, 30.0, 50.0]), np.diag([0.1, 0.0, 0.2])
+
+    def lasting(gain: float, known: Floats | None) -> Floats:
+        limited = SETTINGS._replace(echo_gain=gain)
+        field = even_field(plain, echoes=known)
+        return run(straight(6.0, 0.25), field, noise, limited)[0][-1].diagonal()
+
+    free = lasting(math.inf, echoes)
+    assert lasting(10.0, None) == pytest.approx(free)
+    assert lasting(1e9, np.eye(3)) == pytest.approx(free, rel=1e-6)
+    # Variances of two independent errors add; without an echo nothing is left.
+    gain, turning = SETTINGS.gain, SETTINGS.gain * SETTINGS.turn_gain
+    left = [1.0 / (1.0 / (gain * 400.0) + 1.0), 0.0, 1.0 / (1.0 / (turning * 50.0) + 0.5)]
+    same = run(
+        straight(6.0, 0.25), even_field(np.diag(left)), noise,
+        SETTINGS._replace(gain=1.0, turn_gain=1.0),
+    )  # fmt: skip
+    assert lasting(10.0, echoes) == pytest.approx(same[0][-1].diagonal(), rel=1e-6)
 
 
 def test_dead_reckoning_where_nothing_tells() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ambinav import build_map, load_environment
 from ambinav.ambiguity.model import independent_tau
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.forecasting import information_field as module
-from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.information_field import ECHOES, InformationField
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -24,6 +25,7 @@ from ambinav.sensing.sensor import RangeSensor
 from tests.maps.synthetic import dataset, scanner
 from tests.planners.conftest import DEMO
 
+LONG, WIDE = 9.13, 6.07
 IN_ROOM, IN_CORRIDOR, IN_HALL = [2.0, 2.0, 0.0], [10.0, 2.0, 0.0], [21.0, 5.0, 0.0]
 
 
@@ -151,6 +153,37 @@ def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
         near &= np.allclose(found[:2, 2] / found[2, 2], fisher[:2, 2] / fisher[2, 2], atol=1e-2)
         agreed += bool(near)
     assert agreed >= 0.7 * len(chosen)
+
+
+@pytest.mark.parametrize("mount", [(0.05, 0.02, 0.1), (0.2, -0.1, 0.4)])
+@pytest.mark.parametrize("aperture", [math.tau, 1.5 * math.pi])
+def test_what_echoes_tell_in_a_hall(aperture: float, mount: tuple[float, float, float]) -> None:
+    """From the middle a laser of 3 m sees no wall, from elsewhere one or two."""
+    laser = RangeScanner.planar(
+        RangeSensor(max_range=3.0, std=0.03, resolution=1e-6), 60, aperture, mount=mount
+    )
+    hall = environment_from_shapes([shapely.box(0.0, 0.0, LONG, WIDE)])
+    amap = build_map(hall, laser, spacing=0.5, headings=4, store=False)
+    field = InformationField.of(amap, echoes=True)
+    ends = replace(field, entries=field.entries[:, ECHOES:])
+    assert field.has_echoes and not InformationField.of(amap).has_echoes
+    theta = amap.dataset["theta"].values if amap.has_theta else np.zeros(1)
+    for row, column, k in np.argwhere(amap.possible)[::7]:
+        pose = np.array([amap.dataset["x"].values[column], amap.dataset["y"].values[row], theta[k]])
+        seen = laser if amap.has_theta else laser.centred
+        reading = seen.scan(hall, *pose)
+        x, y, yaw = seen.mounts.T
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        wanted = np.zeros((3, 3))
+        for beam in np.flatnonzero(np.isfinite(reading)):
+            d, to = reading[beam], pose[2] + yaw[beam]
+            ex = c * x[beam] - s * y[beam] + d * math.cos(to)
+            ey = s * x[beam] + c * y[beam] + d * math.sin(to)
+            upright = min(abs(pose[0] + ex), abs(pose[0] + ex - LONG)) < 1e-6
+            line = np.array([1.0, 0.0, -ey] if upright else [0.0, 1.0, ex])
+            wanted += np.outer(line, line) / len(reading)
+        wanted *= np.isfinite(reading).mean()
+        np.testing.assert_allclose(ends.at(pose[None])[0], wanted, rtol=1e-4, atol=1e-5)
 
 
 def test_corridor_tells_across_only() -> None:

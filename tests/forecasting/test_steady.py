@@ -41,8 +41,10 @@ def state(
 ) -> tuple[Floats, float]:
     """Return the position's covariance and the lost share."""
     spread, lost = np.empty((1, 1, 3)), np.empty((1, 1))
+    turning = np.diag([1.0, 1.0, math.sqrt(SETTINGS.turn_gain)])
+    gained = SETTINGS.gain * turning @ matrix @ turning
     steady_rows(
-        0, 1, matrix[np.newaxis], np.array([heading]), START, noise.packed, SETTINGS, doublings,
+        0, 1, gained[np.newaxis], np.array([heading]), START, noise.packed, SETTINGS, doublings,
         spread, lost,
     )  # fmt: skip
     return spread[0, 0, [[0, 1], [1, 2]]], float(lost[0, 0])

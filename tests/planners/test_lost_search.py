@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.filter_kernel import FilterSettings, Room, between, filter_step
+from ambinav.forecasting.filter_kernel import FilterSettings, between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.routes.route import Route
@@ -31,7 +31,7 @@ SETTINGS = FilterSettings(0.2, 1.0, 0.25, 0.2, 0.5, math.inf, math.radians(30.0)
 def lost_on(graph: MotionGraph, forecaster: SimpleNamespace, motions: list[int]) -> float:
     """Share lost on a path, step by step."""
     cov, whole, outside, tracked = forecaster.start.copy(), forecaster.start.copy(), 0.0, 1.0
-    room, predicted = Room(np.empty((3, 3)), np.empty((3, 3)), np.empty(3)), np.empty((3, 3))
+    room, predicted = filter_room(), np.empty((3, 3))
     for e in motions:
         a, b = graph.poses[[graph.source[e], graph.target[e]]].copy()
         a[2] = b[2] = math.atan2(b[1] - a[1], b[0] - a[0])

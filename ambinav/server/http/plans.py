@@ -115,9 +115,6 @@ class RouteForecast(BaseModel):
     localizer: str = Field(description="Class of localizer")
     odometry: str = Field(description="Name of the odometry")
     largest_error_m: float = Field(description="Largest `error_m` of the curve")
-    few_echoes_m: float = Field(
-        description="Metres on which few beams return an echo, where forecasts are often too low"
-    )
     causes: list[LossStretch] = Field(description="The worst first")
     curve: list[ForecastPoint] = Field(description="From start to goal")
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.forecasting.filter_kernel import Room, axes, between, filter_step
+from ambinav.forecasting.filter_kernel import axes, between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
@@ -172,7 +172,7 @@ def _search(graph, poses, covariance, fields, lattice, noise, settings, terms, a
     copy_into(beliefs.whole[0], covariance)
     beliefs.outside[0], beliefs.tracked[0] = 0.0, 1.0
     _measure(covariance, 0.0, terms.most, beliefs.size[0])
-    room = Room(covariance.copy(), covariance.copy(), poses[0].copy())
+    room = filter_room()
     cov, whole, predicted = covariance.copy(), covariance.copy(), covariance.copy()
     here, there, size = poses[0].copy(), poses[0].copy(), np.empty(3)
     count, waiting, taken = 1, 1, 0
