@@ -43,7 +43,7 @@ Plain = str | Mapping[str, Any]
 
 _FOLDER: Final = Path(__file__).parent / "localizers"
 _EXAMPLE: Final = "a mapping with name, gain, slope and offset"
-ECHO_GAINS: Final = {"likelihood_field_prob": 3000.0, "likelihood_field": 500.0}
+ECHO_GAINS: Final = {"likelihood_field_prob": 8000.0, "likelihood_field": 500.0}
 """`LocalizerClass.echo_gain` by the laser's model: with these, forecasts agree with drives where
 few beams return an echo (benchmarks/study_few_echoes.py), and elsewhere they fit as well."""
 # Probabilities nearer to 0 or 1 count as so near: their log odds are finite.
