@@ -40,6 +40,7 @@ def test_a_likelihood_field_loses_more_than_is_forecast_and_the_ray_model_does_n
             ("rays", EnsembleRunner(HALL, SCANNER, rays, noise=odometry)),
         )
     }
-    assert forecaster(route).lost_probability < 0.022
+    # Without the limit by echoes, 2 to 6 % are forecast.
+    assert 0.08 < forecaster(route).lost_probability < 0.11
     assert lost["rays"] < 0.01
     assert 0.25 < lost["field"] < 0.34
