@@ -57,6 +57,8 @@ LEAST_LOST = 1e-9
 LEAST_PIVOT = 1e-14
 # Rounding of updates.
 ROUNDING = 1e-9
+# Of a diagonal of the field, whose entries are float32, this share may be rounding.
+FIELD_ROUNDING = 1e-6
 
 
 class FilterSettings(NamedTuple):
@@ -250,10 +252,10 @@ def limit(information, most, work):
         for j in range(3):
             most[i, j] += information[i, j]
             work[i, j] = information[i, j]
-    least = LEAST_PIVOT * (most[0, 0] + most[1, 1] + most[2, 2])
+    whole = (most[0, 0], most[1, 1], most[2, 2])
     for k in range(3):
         pivot = most[k, k]
-        if not pivot > least:
+        if not pivot > FIELD_ROUNDING * whole[k]:
             continue
         subtract_square(information, work[k, 0], work[k, 1], work[k, 2], 1.0 / pivot)
         for i in range(k + 1, 3):
