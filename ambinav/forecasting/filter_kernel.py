@@ -247,15 +247,16 @@ def limit(information, most, work):
         most: C, likewise; overwritten.
         work: Overwritten, shape (3, 3).
     """
-    # The Schur complement of J + C in [[J + C, J], [J, J]], a pivot after the other.
+    # The Schur complement of J + C in [[J + C, J], [J, J]], a pivot after the other. Where J has no
+    # information but rounding, a little more of C keeps the pivots away from 0.
     for i in range(3):
         for j in range(3):
             most[i, j] += information[i, j]
             work[i, j] = information[i, j]
-    whole = (most[0, 0], most[1, 1], most[2, 2])
+        most[i, i] *= 1.0 + FIELD_ROUNDING
     for k in range(3):
         pivot = most[k, k]
-        if not pivot > FIELD_ROUNDING * whole[k]:
+        if not pivot > 0.0:
             continue
         subtract_square(information, work[k, 0], work[k, 1], work[k, 2], 1.0 / pivot)
         for i in range(k + 1, 3):

@@ -12,7 +12,7 @@ from scipy.special import expit, logit
 from scipy.stats import norm, truncnorm
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.filter_kernel import FilterSettings
+from ambinav.forecasting.filter_kernel import FIELD_ROUNDING, FilterSettings
 from ambinav.forecasting.information_field import ECHOES, InformationField
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,7 @@ def reference(
             if field.has_echoes and settings.echo_gain < math.inf:
                 echoes = replace(field, entries=field.entries[:, ECHOES:])
                 C = settings.echo_gain * updates * echoes.at(after[None])[0]
+                C = C + FIELD_ROUNDING * np.diag(np.diag(J + C))
                 J = J @ np.linalg.pinv(J + C, hermitian=True) @ C
             both = np.linalg.inv(np.linalg.inv(both) + J)
         P, whole = both
