@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +15,31 @@ from typer.testing import CliRunner
 import ambinav as an
 from ambinav import AmbiguityMap
 from ambinav.cli import app
+from ambinav.cli.planned import LostFigures
+from ambinav.drive.bootstrap import Interval
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.routes.files import load_route
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
 from tests.forecasting.conftest import demo_map as demo_map
 
 ENDS = ("--start", "9", "21", "--goal", "28", "17")
+
+
+@pytest.mark.parametrize(
+    ("share", "agrees"), [(0.0472, True), (0.0476, False), (0.0328, True), (0.0324, False)]
+)
+def test_drives_contradict_a_forecast_outside_of_what_is_printed(
+    share: float, agrees: bool
+) -> None:
+    driven = SimpleNamespace(probability=Interval(0.039, 0.0331, 0.0469, 4096))
+    figures = LostFigures(LocalizerClass.load("product"), "poor", {"a": share}, {"a": driven})  # type: ignore[dict-item]
+    assert figures.contradiction("a") == (
+        ""
+        if agrees
+        else f" That contradicts the forecast of {100 * share:.1f} %; rely on the drives."
+    )
 
 
 @pytest.fixture(scope="module")
