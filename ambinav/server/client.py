@@ -118,9 +118,12 @@ class Client(AmbiguityService):
                 )
             raise
         try:
-            served = {info["id"]: info for info in listed["maps"] if info["digest"]}
+            served = {info["id"]: info for info in listed["maps"]}
+            digests = [info["digest"] for info in served.values()]
         except (TypeError, KeyError):
             raise InputError(_no_server(url)) from None
+        if not all(digests):
+            raise InputError(_no_server(url))
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
