@@ -7,6 +7,7 @@ forecasts of routes in buildings left out.
 
 - Brier's skill against the base rate, with an interval of 95 % over buildings, and the ceiling that
   chance from run to run leaves.
+- An ensemble: on each route the share of one half of the robots, as a forecast for the other half.
 - The rivals get the same fit of log odds, left out in the same way: the longest stretch above level
   0.65, alone and times the odometry's variances; the length of the route times these.
 - Reliability: routes sorted by their forecast, the mean of forecasts and of drives in each part.
@@ -42,6 +43,7 @@ from lost_case import LOOPS, ODOMETRIES, SCANNERS, START_STD, WORLDS, building, 
 from numpy.typing import NDArray
 from truth_case import scanner_of
 
+from ambinav.drive.bootstrap import Interval
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.calibrate import (
     Calibration,
@@ -268,6 +270,9 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
         each = [
             skill_interval(p[part], shares[part], buildings[part], rng) for p in forecasts.values()
         ]
+        each.insert(
+            1, ensemble_skill([case for case in cases if scanner in ("all", case.scanner)], rng)
+        )
         rows.append(
             [
                 scanner, part.sum(), len(np.unique(buildings[part])), losing,
@@ -277,6 +282,7 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
             ]
         )  # fmt: skip
     header = ["scanner", "routes", "buildings", "that lose robots", "% lost", "ceiling", *forecasts]
+    header.insert(7, "half of the robots")
     better = paired_gain(
         fitted.left_out, forecasts["longest stretch times odometry"], shares, buildings, rng
     )
@@ -291,6 +297,16 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
             f"{100.0 * three:.0f} % of the losses. Skill more than the longest stretch times "
             f"odometry, paired: {better}.",
         ]
+    )
+
+
+def ensemble_skill(cases: list[Case], rng: np.random.Generator) -> Interval:
+    """Return the skill of half of the robots as a forecast for the other half, and vice versa."""
+    halves = [np.array_split(~np.isnan(case.lost_at), 2) for case in cases]
+    first, second = (np.array([half[k].mean() for half in halves]) for k in (0, 1))
+    buildings = np.array([case.driven.building for case in cases])
+    return skill_interval(
+        np.concatenate([first, second]), np.concatenate([second, first]), np.tile(buildings, 2), rng
     )
 
 

@@ -22,7 +22,7 @@ from ambinav_envs.leaderboard.evaluated import environment_for
 from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
 from ambinav_envs.policies.card import CARD, FORMAT, arguments_of, plain_environment
-from ambinav_envs.policies.file import WEIGHTS
+from ambinav_envs.policies.file import WEIGHTS, read_policy_file
 from ambinav_envs.policies.policy import RULES, SEEING
 from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 
@@ -132,15 +132,20 @@ def broken(file: Path, out: Path) -> Path:
     return out
 
 
-def test_a_flipped_byte_anywhere_is_no_crash(file: Path, tmp_path: Path) -> None:
-    content = file.read_bytes()
+def test_a_flipped_byte_anywhere_is_refused_or_changes_nothing(file: Path, tmp_path: Path) -> None:
+    """It changes nothing where nobody reads, as in the dates of the members."""
+    content, whole = file.read_bytes(), read_policy_file(file)
     rng = np.random.default_rng(0)
     for at in rng.integers(0, len(content), 200):
         spoilt = bytearray(content)
         spoilt[at] ^= 0xFF
         (tmp_path / "bad.zip").write_bytes(spoilt)
         with contextlib.suppress(InputError):
-            load_policy(tmp_path / "bad.zip")
+            read = read_policy_file(tmp_path / "bad.zip")
+            assert read.card == whole.card
+            assert all(
+                np.array_equal(read.weights[name], whole.weights[name]) for name in whole.weights
+            )
 
 
 def cut(file: Path, out: Path) -> Path:
