@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Policy, checked_actions
+from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     COST,
@@ -42,6 +44,7 @@ Bools = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 
+@runtime_checkable
 class EpisodeDriver(Protocol):
     """A controller of robots that may read more than a policy's observations."""
 
@@ -167,7 +170,13 @@ def joined(parts: Sequence[Episodes]) -> Episodes:
 
 
 def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
-    """Return the seeds of the episodes from number `first` on; number k always has the same one."""
+    """Return the seeds of the episodes from number `first` on; number k always has the same one.
+
+    Raises:
+        InputError: `seed` is no whole number from 0 on.
+    """
+    if as_seed(seed) is None:
+        raise InputError("seed is None; give a whole number from 0 on.")
     words = [
         np.random.SeedSequence([seed, k]).generate_state(1)[0] for k in range(first, first + count)
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 import pytest
 
@@ -33,3 +35,15 @@ def test_buildings_and_arguments_can_be_chosen() -> None:
         ambinav_envs.evaluate(Seeker(), "ambinav/Hall-v1", 1, peple=3)
     with pytest.raises(InputError, match=r"ambinav/Nowhere-v1"):
         ambinav_envs.evaluate(Seeker(), "ambinav/Nowhere-v1", 1)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", None, True])
+def test_a_bad_seed_is_refused(seed: Any) -> None:
+    with pytest.raises(InputError, match=r"seed is .*; give a whole number from 0 on"):
+        ambinav_envs.evaluate(Seeker(), "ambinav/Hall-v1", 1, seed=seed, **ARGUMENTS)
+
+
+@pytest.mark.parametrize("controller", ["vfh", None, object()])
+def test_what_cannot_drive_is_refused(controller: Any) -> None:
+    with pytest.raises(InputError, match=r"controller is .*; give a policy, as load_policy"):
+        ambinav_envs.evaluate(controller, "ambinav/Hall-v1", 1)

@@ -46,7 +46,7 @@ def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Point
 def _check_reference(path: Path, header: Any, unit: str | None) -> None:
     """Check the coordinate reference of a LAS file."""
     degrees, other = False, ""
-    for record in header.vlrs:
+    for record in (*header.vlrs, *(header.evlrs or ())):
         keys = {key.id: key.value_offset for key in getattr(record, "geo_keys", ())}
         degrees |= keys.get(_KIND) == _DEGREES
         if keys.get(_UNIT, _METRES) != _METRES:

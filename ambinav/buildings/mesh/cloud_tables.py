@@ -5,7 +5,8 @@ from __future__ import annotations
 import codecs
 import itertools
 import re
-from collections.abc import Iterable, Iterator
+import reprlib
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
@@ -70,7 +71,7 @@ def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
             if line[:1] == ["format"]:
                 kind = line[1]
             elif line[:1] == ["element"]:
-                elements.append(Element(line[1], int(line[2]), []))
+                elements.append(Element(line[1], _count(line[2], f"element {line[1]}"), []))
             elif line[:2] == ["property", "list"]:
                 elements[-1] = elements[-1]._replace(fields=None)
             elif line[:1] == ["property"] and elements[-1].fields is not None:
@@ -82,6 +83,13 @@ def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
             f"{path}: it has no header of a PLY file ({error}); export it again."
         ) from error
     return kind, elements
+
+
+def _count(word: str, field: str) -> int:
+    """Return the number in a header; a ValueError says that it is none."""
+    if not word.isdecimal():
+        raise ValueError(f"{field} is {word!r}")
+    return int(word)
 
 
 def ply_without_faces(path: Path) -> bool:
@@ -104,9 +112,13 @@ def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
         for element in elements:
             if element.name == "vertex":
                 break
-            if element.fields is None or kind == "ascii":
+            if kind == "ascii":
+                for _ in itertools.islice(_content_lines(file), element.size):
+                    pass
+            elif element.fields is not None:
+                file.seek(element.size * np.dtype(element.fields).itemsize, 1)
+            elif element.size:
                 raise InputError(f"{path}: its vertices are not first in it; export it again.")
-            file.seek(element.size * np.dtype(element.fields).itemsize, 1)
         else:
             raise InputError(f"{path}: there are no vertices in it; give a cloud of points.")
         if element.fields is None:
@@ -127,19 +139,19 @@ def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
         try:
             sizes = zip(head["TYPE"], head["SIZE"], strict=True)
             types = [f"<{_PCD_TYPES[letter]}{size}" for letter, size in sizes]
-            repeated = map(int, head.get("COUNT", ["1"] * len(types)))
+            repeated = [_count(n, "COUNT") for n in head.get("COUNT", ["1"] * len(types))]
             parts = zip(head["FIELDS"], types, repeated, strict=True)
             # Fields of padding share a name.
             fields: list[Field] = [
                 (
                     name if name in ("x", "y", "z") else f"{k} {name}",
                     code,
-                    (times,) if times > 1 else (),
+                    () if times == 1 else (times,),
                 )
                 for k, (name, code, times) in enumerate(parts)
             ]
-            count = int(head["POINTS"][0]) if "POINTS" in head else (
-                int(head["WIDTH"][0]) * int(head["HEIGHT"][0])
+            count = _count(head["POINTS"][0], "POINTS") if "POINTS" in head else (
+                _count(head["WIDTH"][0], "WIDTH") * _count(head["HEIGHT"][0], "HEIGHT")
             )  # fmt: skip
             (kind,) = head["DATA"]
             moved = list(map(float, head.get("VIEWPOINT", _UNMOVED))) != _UNMOVED
@@ -224,19 +236,42 @@ def _lines(
     separator: str | None = None,
 ) -> Iterator[Points]:
     """Yield points of lines of numbers with this separator; None: spaces."""
+
+    def parsed(some: list[bytes]) -> Points:
+        texts = (line.decode("latin-1") for line in some)
+        return np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
+
     seen = 0
     while chunk := list(itertools.islice(lines, _LINES_AT_ONCE)):
-        texts = (line.decode("latin-1") for line in chunk)
         try:
-            rows = np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
+            rows = parsed(chunk)
         except ValueError as error:
+            bad = _first_bad(chunk, parsed)
+            if count is not None and bad == len(chunk) - 1 and next(lines, None) is None:
+                raise cut_off(path, seen + bad, count) from error
+            line = reprlib.repr(chunk[bad].decode("latin-1").strip())
             raise InputError(
-                f"{path}: after {seen} points a line is no x, y and z ({error}); give numbers."
+                f"{path}: after {seen + bad} points a line is no x, y and z, {line}; give numbers "
+                "with decimal points."
             ) from error
         seen += len(rows)
         yield rows
     if count is not None and seen < count:
         raise cut_off(path, seen, count)
+
+
+def _first_bad(lines: list[bytes], parsed: Callable[[list[bytes]], Points]) -> int:
+    """Return the index of the first line that cannot be parsed; one cannot."""
+    low, high = 0, len(lines)
+    while high - low > 1:
+        middle = (low + high) // 2
+        try:
+            parsed(lines[low:middle])
+        except ValueError:
+            high = middle
+        else:
+            low = middle
+    return low
 
 
 def cut_off(path: Path, present: int, count: int) -> InputError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -126,6 +127,11 @@ def evaluate(
     if isinstance(controller, Policy):
         arguments = environment_for(controller, arguments, task)
         task = arguments.pop("id", None)
+    elif not isinstance(controller, EpisodeDriver):
+        raise InputError(
+            f"controller is {reprlib.repr(controller)}; give a policy, as load_policy reads it "
+            "from its name or file, or a controller."
+        )
     elif task is None:
         raise InputError("task is None, and a controller was trained nowhere; give an id.")
     elif arguments_of_id(task, arguments).get("map") is None:

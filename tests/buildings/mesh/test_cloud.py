@@ -174,12 +174,17 @@ def test_a_cloud_with_y_up_is_the_one_that_was_turned(points: Points, tmp_path: 
 
 def test_feet_and_degrees_of_a_las_file(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy", reason="laspy is not installed")
-    for text, wanted in (
-        ('PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
-        ('GEOGCS["WGS 84",UNIT["degree",0.01745]]', "longitude and latitude in degrees"),
+    for extended, text, wanted in (
+        (False, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
+        (True, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
+        (False, 'GEOGCS["WGS 84",UNIT["degree",0.01745]]', "longitude and latitude in degrees"),
     ):
         header = laspy.LasHeader(point_format=6, version="1.4")
-        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(text))
+        record = laspy.vlrs.known.WktCoordinateSystemVlr(text)
+        if extended:
+            header.evlrs = laspy.vlrs.vlrlist.VLRList([record])
+        else:
+            header.vlrs.append(record)
         found = laspy.LasData(header)
         found.x, found.y, found.z = room(300).T / 0.3048
         found.write(str(tmp_path / "feet.las"))
@@ -208,7 +213,8 @@ def test_cut_off_files_are_refused(name: str, points: Points, tmp_path: Path) ->
 @pytest.mark.parametrize(("name", "content", "text"), [
     ("empty.xyz", b"", "no point in it"),
     ("words.txt", b"a letter to my aunt\nwith two lines\n", "no point in it"),
-    ("words.xyz", b"1 2 3\n1 two 3\n", "a line is no x, y and z"),
+    ("words.xyz", b"1 2 3\n1 two 3\n1 2 3\n", "after 1 points a line is no x, y and z, '1 two 3'"),
+    ("comma.xyz", b"0,1;0,2;0,3\n", "after 0 points .* give numbers with decimal points"),
     ("flat.xyz", b"1 2\n3 4\n", "there is no point in it"),
     ("binary.xyz", bytes(range(128, 256)) * 9, "no text of numbers"),
     ("odd.xyz", b"nan 1 2\ninf 1 2\n1 nan nan\n", "no point in it|none of its"),
@@ -220,6 +226,9 @@ def test_cut_off_files_are_refused(name: str, points: Points, tmp_path: Path) ->
     ("text.ply", b"1 2 3\n4 5 6\n", "no header of a PLY file"),
     ("none.ply", b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
      b"property float z\nend_header\n", "it has no points"),
+    ("less.ply", b"ply\nformat ascii 1.0\nelement vertex -5\nend_header\n", "vertex is '-5'"),
+    ("less.pcd", pcd_head(np.zeros((1, 3)), "ascii").replace(b"POINTS 1", b"POINTS -5"),
+     "POINTS is '-5'"),
     ("two.pcd", pcd_head(np.zeros((1, 3)), "ascii").replace(b"FIELDS x", b"FIELDS q"), "no x, y"),
     ("kind.pcd", pcd_head(np.zeros((1, 3)), "zip"), "DATA is 'zip'"),
     ("points.step", b"1 2 3\n", r"\.step names no format of points"),
@@ -352,6 +361,35 @@ def test_a_pcd_with_an_empty_line_is_whole(tmp_path: Path) -> None:
     rows = "\n\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
     path.write_text(head % (len(POINTS), len(POINTS)) + rows)
     assert f"{len(POINTS)} points" in read_cloud(path, up="z").notes[-1]
+
+
+@pytest.mark.parametrize("cameras", [0, 2])
+def test_vertices_of_a_text_ply_may_follow_other_elements(tmp_path: Path, cameras: int) -> None:
+    path, plain = tmp_path / "camera.ply", tmp_path / "plain.xyz"
+    rows = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement camera {cameras}\nproperty list uchar int seen\n"
+        f"element vertex {len(POINTS)}\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n" + "2 5 6\n" * cameras + rows
+    )
+    plain.write_text(rows)
+    assert same(read_cloud(path, up="z"), read_cloud(plain, up="z"))
+    path.write_text(path.read_text().removesuffix("2.0") + "2.")
+    assert len(read_cloud(path, up="z").vertices)
+    path.write_text(path.read_text().removesuffix(" 2."))
+    with pytest.raises(InputError, match="cut off: there are 11 points of 12"):
+        read_cloud(path, up="z")
+
+
+def test_a_field_of_a_pcd_may_hold_nothing(tmp_path: Path) -> None:
+    path, plain = tmp_path / "room.pcd", tmp_path / "plain.xyz"
+    plain.write_text("\n".join(f"{x} {y} {z}" for x, y, z in POINTS))
+    head = (
+        "VERSION .7\nFIELDS x y z label\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 0\n"
+        f"WIDTH {len(POINTS)}\nHEIGHT 1\nDATA binary\n"
+    )
+    path.write_bytes(head.encode() + np.array(POINTS, dtype="<f4").tobytes())
+    assert same(read_cloud(path, up="z"), read_cloud(plain, up="z"))
 
 
 @pytest.mark.slow(kept=("3.0-axis1",))
