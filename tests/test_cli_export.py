@@ -149,6 +149,18 @@ def test_what_is_there_is_kept(runner: CliRunner, plan_folder: Path, there: str)
     assert (plan_folder / there).read_bytes() != b"mine"
 
 
+def test_links_stay(plan_folder: Path) -> None:
+    """Of every other output a link is followed too."""
+    (plan_folder / "real").mkdir()
+    link, target = plan_folder / "map.npz", plan_folder / "real" / "floor.npz"
+    link.symlink_to(target)
+    amap = AmbiguityMap.open(plan_folder / "map.zarr")
+    for overwrite in (False, True):
+        export_map(amap, "npz", link, overwrite=overwrite)
+        assert link.is_symlink() and np.load(target)["level"].size
+    assert files(target.parent) == {"floor.npz"}
+
+
 def test_no_folder_is_replaced(runner: CliRunner, plan_folder: Path) -> None:
     """Neither for the file that names the others, nor for those: all of it stays as it is."""
     (plan_folder / "mask.pgm").write_text("mine")

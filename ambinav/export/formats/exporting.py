@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from ambinav.export.options import ExportOptions, MapExport
 from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import writable_parent
+from ambinav.runtime.files import replacing, writable_parent
 
 
 def export_map(
@@ -55,7 +56,8 @@ def export_map(
             folder.mkdir(parents=True, exist_ok=True)
             # Write the file that names the others last, so that readers find all of them.
             for file, target in reversed(list(zip(made, targets, strict=True))):
-                file.replace(target)
+                with replacing(target) as fresh:
+                    shutil.move(file, fresh)
     except OSError as error:
         raise InputError(
             f"{path}: it cannot be written ({error.strerror or error}); choose another output."
