@@ -206,7 +206,7 @@ def speed_profile(
     fastest = np.minimum(allowed[:-1], allowed[1:])
     if limits.lateral_acceleration is not None:
         with np.errstate(divide="ignore"):
-            across = np.sqrt(limits.lateral_acceleration / _curvature(points, lengths))
+            across = np.sqrt(limits.lateral_acceleration / _curvature(points, lengths, steering))
         fastest[1:-1] = np.minimum(fastest[1:-1], across)
     if bound is not None:
         fastest = np.minimum(fastest, np.interp(along, *_checked_bound(bound).T))
@@ -238,8 +238,13 @@ def _reverses(points: Floats) -> NDArray[np.bool_]:
     return np.asarray((steps[:-1] * steps[1:]).sum(axis=1) < 0.0)
 
 
-def _curvature(points: Floats, lengths: Floats) -> Floats:
+def _curvature(points: Floats, lengths: Floats, steering: Steering) -> Floats:
     """Return the change of the direction of travel per metre at inner points, shape (M - 2,)."""
+    if steering.turns:
+        # Where arcs meet, the larger one: their mean vanishes between a left and a right turn.
+        turn = np.abs(np.diff(points[:, 2]))
+        piece = np.divide(turn, lengths, out=np.zeros_like(turn), where=lengths > SAME)
+        return np.asarray(np.maximum(piece[:-1], piece[1:]))
     steps = np.diff(points[:, :2], axis=0)
     change = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
     change = np.abs((change + np.pi) % (2.0 * np.pi) - np.pi)

@@ -51,7 +51,12 @@ def check(profile: SpeedProfile, held: SpeedLimits, arcs: bool) -> None:
     # It begins and ends at rest: no more than a ramp is driven in the first and the last piece.
     for k in (0, -1):
         assert steps[k] <= 0.5 * held.acceleration * seconds[k] ** 2 * (1.0 + 1e-6) + ROUNDING
-    if held.lateral_acceleration is not None:
+    if held.lateral_acceleration is not None and arcs:
+        # All along each piece, also where it meets one that turns to the other side.
+        fastest = np.maximum(profile.speeds[:-1], profile.speeds[1:])
+        across = fastest**2 * (turned / steps)
+        assert across.max(initial=0.0) <= held.lateral_acceleration * (1.0 + 1e-6) + ROUNDING
+    elif held.lateral_acceleration is not None:
         along = np.arctan2(np.diff(y), np.diff(x))
         bend = np.abs((np.diff(along) + math.pi) % (2.0 * math.pi) - math.pi)
         # Where it stands between two pieces (cusps, turns on the spot) it is free to leave aside.
@@ -67,6 +72,11 @@ def check(profile: SpeedProfile, held: SpeedLimits, arcs: bool) -> None:
     poses=[(0.0, 0.0, 0.0), (0.0, 0.0, 2e-311), (0.0, 1.0, 0.0)],
     steering=Steering("se2"),
     held=SpeedLimits(max_speed=1.0, acceleration=1.0, max_turn_rate=1.0),
+)
+@example(
+    poses=[(0.0, 0.0, 0.0), (0.5, 0.5, math.pi / 2), (1.0, 1.0, 0.0)],
+    steering=Steering("dubins", 0.5),
+    held=SpeedLimits(max_speed=1.0, acceleration=2.5, max_turn_rate=5.0, lateral_acceleration=0.25),
 )
 def test_stamped_points_keep_to_the_limits(poses, steering, held):
     profile = speed_profile(poses, steering, held)
