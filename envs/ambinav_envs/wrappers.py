@@ -79,7 +79,7 @@ class Filtered(_Mapped):
         keys: Which.
 
     Raises:
-        InputError: the observation has no such part, or no parts of numbers.
+        InputError: there are no keys, the observation has no such part, or no parts of numbers.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], keys: Iterable[str] = GOAL_ONLY) -> None:
@@ -87,6 +87,8 @@ class Filtered(_Mapped):
         super().__init__(env)
 
     def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
+        if not self._keys:
+            raise InputError(f"keys is empty; give some of {', '.join(single.spaces)}.")
         for key in self._keys:
             if key not in single.spaces:
                 raise InputError(
@@ -198,5 +200,7 @@ def _parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
     if not isinstance(single, spaces.Dict) or not all(
         isinstance(part, spaces.Box) for part in single.values()
     ):
-        raise InputError(f"the observation is {single}; give environments with a Dict of Box.")
+        raise InputError(
+            f"the observation is a {type(single).__name__}; give environments with a Dict of Box."
+        )
     return single

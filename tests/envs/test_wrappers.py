@@ -111,5 +111,9 @@ def test_bad_input_is_refused() -> None:
         FrameStack(batched(), 0)
     with pytest.raises(InputError, match="did you mean goal"):
         Filtered(batched(), ["gaol"])
+    with pytest.raises(InputError, match="keys is empty; give some of "):
+        Filtered(batched(), ())
+    with pytest.raises(InputError, match="the observation is a Box; give"):
+        Flat(Flat(batched()))
     with pytest.raises(InputError, match="Dict of Box"):
         FrameStack(gym.make_vec("CartPole-v1", num_envs=2), 2)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from ambinav.config import as_number
 from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -23,7 +24,7 @@ from ambinav_envs.leaderboard.waypoint import (
     WaypointFollower,
     follower_name,
 )
-from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.parameters import MOST_AMBIGUITY_WEIGHT, NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.normalization import Observation
@@ -133,7 +134,16 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
 
 
 def follower_method(ambiguity_weight: float) -> Method:
-    """Return a method that drives from waypoint to waypoint."""
+    """Return a method that drives from waypoint to waypoint.
+
+    Raises:
+        InputError: the weight is none of those that an environment takes.
+    """
+    ambiguity_weight = as_number(ambiguity_weight, "ambiguity_weight")
+    if not 0.0 <= ambiguity_weight <= MOST_AMBIGUITY_WEIGHT:
+        raise InputError(
+            f"ambiguity_weight is {ambiguity_weight:g}; give 0 to {MOST_AMBIGUITY_WEIGHT:g}."
+        )
     path = f"cheapest path at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest path"
     name = follower_name(ambiguity_weight)
     return Method(

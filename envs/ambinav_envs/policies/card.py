@@ -131,8 +131,8 @@ def arguments_of(card: Card) -> dict[str, Any]:
     """Return arguments for `gymnasium.make` from a card.
 
     They say everything, so that an `id` stays out, but for one of others' that nobody has
-    registered here, or that stands for more than arguments. What a card leaves out is as by
-    default.
+    registered here, or that stands for more than arguments, and for one that nobody knows and
+    without which nothing says which buildings. What a card leaves out is as by default.
 
     Raises:
         InputError: an argument that determines the policy's observation is invalid.
@@ -140,9 +140,9 @@ def arguments_of(card: Card) -> dict[str, Any]:
     arguments = dict(card.environment)
     name = without_own_module(str(arguments.pop("id", "")))
     spec = gymnasium.registry.get(name)
-    if not (name == "" or name.startswith(f"{NAMESPACE}/")) and (
-        spec is None or not is_plain(spec)
-    ):
+    ours = name.startswith(f"{NAMESPACE}/")
+    unknown = spec is None and not (ours and {"suite", "map"} & arguments.keys())
+    if name and (unknown or not (ours or spec is None or is_plain(spec))):
         arguments["id"] = name
     scanner = arguments.get("scanner")
     if isinstance(scanner, Mapping):

@@ -26,6 +26,8 @@ from ambinav_envs.policies.card import (
 from ambinav_envs.policies.network import ALGORITHMS, build_policy, network_of, required, weights_of
 from ambinav_envs.policies.normalization import Normalization, sizes_of
 from ambinav_envs.policies.shapes import described, space_of
+from ambinav_envs.registration import spec_of, without_own_module
+from ambinav_envs.tasks import NAMESPACE
 
 WEIGHTS: Final = "weights.safetensors"
 """Member of a policy file that holds all tensors: policy.NAME, and those of the normalisation."""
@@ -88,8 +90,11 @@ def save_policy(
 
     Raises:
         InputError: the algorithm or a part of the network is another than files can hold, a value
-            is not plain, or nothing can be written.
+            is not plain, the `id` is none of ours, or nothing can be written.
     """
+    task = without_own_module(str(environment.get("id", "")))
+    if task.startswith(f"{NAMESPACE}/"):
+        spec_of(task)  # else nobody could say in which buildings the policy was trained
     name = type(model).__name__
     if name not in ALGORITHMS:
         raise InputError(f"the model is a {name}; {nearest(name, ALGORITHMS)}.")

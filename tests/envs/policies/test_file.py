@@ -119,6 +119,27 @@ def test_a_policy_brings_no_rules_into_a_task(file: Path) -> None:
         policy.prepare(env.observation_space, env.action_space)
 
 
+def test_an_id_that_nobody_knows_is_not_taken_for_another(file: Path, tmp_path: Path) -> None:
+    """Else a policy would be judged in other buildings than those of its training."""
+    wrong = {**OPTIONS, "id": "ambinav/Hal-v1"}
+    with pytest.raises(InputError, match="the id is 'ambinav/Hal-v1'; did you mean ambinav/Hall"):
+        save_policy(model(normalized()), tmp_path / "p.zip", environment=wrong)
+    assert not list(tmp_path.iterdir())
+
+    def gone(name: str, content: bytes) -> bytes:
+        if name != CARD:
+            return content
+        document = json.loads(content)
+        document["environment"]["id"] = "ambinav/Gone-v1"
+        return json.dumps(document).encode()
+
+    policy = load_policy(rewritten(file, tmp_path / "gone.zip", gone))
+    with pytest.raises(InputError, match="was trained in 'ambinav/Gone-v1', which is not known"):
+        environment_for(policy, {})
+    assert environment_for(policy, {"suite": "hall"})["suite"] == "hall"
+    assert environment_for(policy, {}, "ambinav/Hall-v1")["id"] == "ambinav/Hall-v1"
+
+
 def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="card cannot be written"):
         save_policy(model(normalized()), tmp_path / "p.zip", environment={"reward": object()})

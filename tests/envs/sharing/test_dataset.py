@@ -198,3 +198,9 @@ def test_one_command(tmp_path: Path) -> None:
         "ambinav/hall/shortest-v0", "ambinav/hall/reference-5-v0",
     ]  # fmt: skip
     assert all(one["episodes"] == 1 and one["steps"] > 5 for one in made)
+
+
+@pytest.mark.parametrize("weight", ["x", np.nan, -1.0, 101.0])
+def test_a_bad_weight_of_a_follower_is_refused(weight: Any) -> None:
+    with pytest.raises(InputError, match="ambiguity_weight is "):
+        follower_method(weight)
