@@ -145,7 +145,7 @@ def check_size(where: str, sizes: Sizes, unit: str | None) -> None:
             "coordinates in metres, e.g. of the UTM zone of the place, or say with --unit that "
             "they are."
         )
-    ask = "say with --unit whether its numbers are m, cm or mm."
+    ask = f"say with --unit what its numbers are in, one of {', '.join(UNITS)}."
     if max(width, height) > LARGEST:
         raise InputError(
             f"{where}: the plan is {width:.6g} by {height:.6g} m in all, more than a building has; "

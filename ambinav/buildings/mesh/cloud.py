@@ -157,7 +157,7 @@ def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
     except Exception as error:  # packages raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
-            f"{error}); copy or export it again."
+            f"{str(error).partition(chr(10))[0].rstrip()}); copy or export it again."
         ) from error
 
 

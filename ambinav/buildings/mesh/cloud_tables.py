@@ -113,7 +113,7 @@ def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
             if element.name == "vertex":
                 break
             if kind == "ascii":
-                for _ in itertools.islice(_content_lines(file), element.size):
+                for _ in itertools.islice(content_lines(file), element.size):
                     pass
             elif element.fields is not None:
                 file.seek(element.size * np.dtype(element.fields).itemsize, 1)
@@ -186,7 +186,7 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")
         separator = "," if b"," in line else ";" if b";" in line else None
         remaining_lines = itertools.chain([line], file)
-        yield from _lines(_content_lines(remaining_lines), path, [0, 1, 2], None, separator)
+        yield from _lines(content_lines(remaining_lines), path, [0, 1, 2], None, separator)
 
 
 def _rows(
@@ -199,7 +199,7 @@ def _rows(
         width = [int(np.prod(dtype[name].shape, dtype=int)) for name in dtype.names or ()]
         first = dict(zip(dtype.names or (), np.cumsum([0, *width]).tolist(), strict=False))
         yield from _lines(
-            itertools.islice(_content_lines(file), count), path, [first[a] for a in "xyz"], count
+            itertools.islice(content_lines(file), count), path, [first[a] for a in "xyz"], count
         )
         return
     for start in range(0, count, AT_ONCE):
@@ -223,7 +223,7 @@ def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
     return dtype
 
 
-def _content_lines(lines: Iterable[bytes]) -> Iterator[bytes]:
+def content_lines(lines: Iterable[bytes]) -> Iterator[bytes]:
     """Yield lines that are neither empty nor comments."""
     return (line for line in lines if line.strip() and not line.lstrip().startswith(b"#"))
 

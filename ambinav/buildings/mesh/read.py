@@ -16,6 +16,7 @@ from ambinav.buildings.mesh.frame import (
     turned_up,
 )
 from ambinav.buildings.mesh.level import levelled
+from ambinav.buildings.mesh.polygons import check_polygons
 from ambinav.buildings.plan_units import metres_in
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.runtime.errors import InputError
@@ -59,6 +60,8 @@ def read_mesh(
     check_axis(path, up)
     vertices, faces = _load(path)
     if not len(faces):
+        if not len(vertices):
+            raise InputError(f"{path}: it is empty or cut off; copy or export it again.")
         raise InputError(
             f"{path}: there are {len(vertices)} points and no triangles in it; give a mesh of "
             "surfaces, or read points with read_cloud."
@@ -92,23 +95,22 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")
     try:
+        check_polygons(path)
         # `process` would merge vertices and drop what is not finite, which is to be seen here.
         scene = trimesh.load_scene(path, process=False)
         every = scene.dump()
         parts = [part for part in every if isinstance(part, trimesh.Trimesh)]
         points = [part.vertices for part in every if isinstance(part, trimesh.PointCloud)]
+        first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        faces = [part.faces + k for part, k in zip(parts, first[:-1], strict=True)]
+        return (
+            np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts), *points]),
+            np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]),
+        )
+    except InputError:
+        raise
     except Exception as error:  # readers raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); export it again."
         ) from error
-    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    return (
-        np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts), *points]),
-        np.concatenate(
-            [
-                np.empty((0, 3), dtype=np.int64),
-                *(part.faces + k for part, k in zip(parts, first[:-1], strict=True)),
-            ]
-        ),
-    )

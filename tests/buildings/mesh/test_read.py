@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable
@@ -163,7 +164,7 @@ def test_refused_files(tmp_path: Path) -> None:
     odd.vertices[3, 1] = np.nan
     for path, text in (
         (saved(points, tmp_path / "points.ply"), "40 points and no triangles"),
-        (broken, "cannot be read as PLY"),
+        (broken, "no header of a PLY file"),
         (saved(odd, tmp_path / "odd.ply"), "a vertex is not finite"),
         (tmp_path / "none.ply", "no such file"),
         (tmp_path / "house.step", r"\.step names no format of meshes"),
@@ -171,6 +172,62 @@ def test_refused_files(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=text) as caught:
             read_mesh(path)
         assert str(path) in str(caught.value)
+
+
+# An L of 36 m2, whose corner points inwards, and walls.
+BENT = [(8, 3), (4, 3), (4, 6), (0, 6), (0, 0), (8, 0)]
+SIDES = [[i, (i + 1) % 6, 6 + (i + 1) % 6, 6 + i] for i in range(6)]
+
+
+def polygons(path: Path, outline: Any, floors: list[list[int]]) -> Path:
+    """An OBJ or an ASCII PLY of a room."""
+    points = [(x, y, z) for z in (0, 2.5) for x, y in outline]
+    faces = [*floors, *SIDES]
+    if path.suffix == ".obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in points]
+        lines += ["f " + " ".join(str(k + 1) for k in face) for face in faces]
+    else:
+        head = (
+            f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\n"
+            f"property float y\nproperty float z\nelement face {len(faces)}\n"
+            "property list uchar int vertex_indices\nend_header"
+        )
+        lines = [head, *(f"{x} {y} {z}" for x, y, z in points)]
+        lines += [" ".join(map(str, (len(face), *face))) for face in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_polygons_are_read_where_a_fan_of_triangles_is_the_same(
+    suffix: str, tmp_path: Path
+) -> None:
+    """A polygon that is not convex would put floor outside of the walls."""
+    with pytest.raises(InputError, match="1 of its faces are not convex"):
+        read_mesh(polygons(tmp_path / f"bent{suffix}", BENT, [[0, 1, 2, 3, 4, 5]]))
+    cut = [[0, 1, 4, 5], [1, 2, 3, 4]]
+    mesh = read_mesh(polygons(tmp_path / f"cut{suffix}", BENT, cut), up="z", unit="m")
+    assert len(mesh.faces) == 2 * (len(cut) + len(SIDES))
+    around = [(4 * math.cos(k * math.pi / 3), 4 * math.sin(k * math.pi / 3)) for k in range(6)]
+    hexagon = polygons(tmp_path / f"hexagon{suffix}", around, [[0, 1, 2, 3, 4, 5]])
+    assert len(read_mesh(hexagon, up="z", unit="m").faces) == 4 + 2 * len(SIDES)
+
+
+def test_files_that_would_be_misread_are_refused(tmp_path: Path) -> None:
+    path = polygons(tmp_path / "room.ply", BENT, [])
+    lines = path.read_text().splitlines()
+    for kept, text in ((-2, "of face it has 4 of 6"), (-10, "of vertex it has 8 of 12")):
+        path.write_text("\n".join(lines[:kept]))
+        with pytest.raises(InputError, match=f"cut off: {text}; copy it again"):
+            read_mesh(path)
+    obj = polygons(tmp_path / "room.obj", BENT, [])
+    whole = obj.read_text()
+    obj.write_text(whole + "f -1 -2 -3\n")
+    with pytest.raises(InputError, match=r"line 19 counts its vertices from the end \(-1\)"):
+        read_mesh(obj)
+    obj.write_text(whole.replace("v 4 6 2.5", "v 4 6"))
+    with pytest.raises(InputError, match=r"line 9 is no vertex \(4 6\)"):
+        read_mesh(obj)
 
 
 @pytest.mark.parametrize("name", ["aws_small_house_collision", "turtlebot3_house_visual"])
