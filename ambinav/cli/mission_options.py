@@ -93,13 +93,13 @@ def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:
     """
     route = visited.route
     lines = [
-        f"stop {k} at ({x:g}, {y:g}) m: after {metres:.1f} m, {stamp:.1f} s"
+        f"stop {k} at ({x:.10g}, {y:.10g}) m: after {metres:.1f} m, {stamp:.1f} s"
         for k, ((x, y), metres, stamp) in enumerate(
             zip(stops, visited.arrivals, _stamps(visited), strict=True), start=1
         )
     ]
     (x, y, _), seconds = route.goal, route.duration or 0.0
-    lines.append(f"goal at ({x:g}, {y:g}) m: after {route.length:.1f} m, {seconds:.1f} s")
+    lines.append(f"goal at ({x:.10g}, {y:.10g}) m: after {route.length:.1f} m, {seconds:.1f} s")
     if visited.gap > 0.0:
         lines.append(f"no order costs less by more than {100.0 * visited.gap:.1f} %")
     return lines

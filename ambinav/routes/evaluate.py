@@ -201,7 +201,7 @@ def _levels(service: AmbiguityService, poses: Floats) -> Floats:
     if outside.size:
         x, y, _ = poses[outside[0]]
         raise InputError(
-            f"poses[{outside[0]}] is at ({x:g}, {y:g}) m, outside of the map; "
+            f"poses[{outside[0]}] is at ({x:.10g}, {y:.10g}) m, outside of the map; "
             "give a route in the map's frame."
         )
     return levels

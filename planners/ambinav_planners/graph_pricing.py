@@ -136,7 +136,7 @@ class PricedGraph:
         count, matrix = len(graph.poses), graph.matrix(np.ones_like(graph.length))
         ahead = np.isfinite(dijkstra(matrix, indices=count - 2, unweighted=True))
         behind = np.isfinite(dijkstra(matrix.T, indices=count - 1, unweighted=True))
-        start, goal = (f"({x:g}, {y:g})" for x, y, _ in (problem.start, problem.goal))
+        start, goal = (f"({x:.10g}, {y:.10g})" for x, y, _ in (problem.start, problem.goal))
         source, blocked = self.graph.source, int((~self.free).sum())
         blocked_text = f"{blocked} of {len(self.free)} edges are blocked for this robot"
         for name, reached, place in (("start", ahead, start), ("goal", behind, goal)):
@@ -169,14 +169,14 @@ class PricedGraph:
         if not free.any():
             (ax, ay), (bx, by) = xy[ends[0]]
             return (
-                f"from ({ax:g}, {ay:g}) to ({bx:g}, {by:g}), {apart[order[0]]:.1f} m, and between "
-                "other nodes near each other the way is blocked; add nodes that lead around, or "
-                "plan for a smaller robot"
+                f"from ({ax:.10g}, {ay:.10g}) to ({bx:.10g}, {by:.10g}), {apart[order[0]]:.1f} m, "
+                "and between other nodes near each other the way is blocked; add nodes that lead "
+                "around, or plan for a smaller robot"
             )
         k = int(free.argmax())
         (a, ax, ay), (b, bx, by) = ((self.graph.nodes[n]["id"], *xy[n]) for n in ends[k])
         return (
-            f"add edges, such as from node {a} at ({ax:g}, {ay:g}) to node {b} at ({bx:g}, "
+            f"add edges, such as from node {a} at ({ax:.10g}, {ay:.10g}) to node {b} at ({bx:g}, "
             f"{by:g}), {apart[order[k]]:.1f} m"
         )
 

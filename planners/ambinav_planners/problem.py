@@ -181,7 +181,7 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     where = "no other place in this building is free for the robot"
     if nearest is not None:
         where = f"the nearest free point is {_to_digits(nearest, checker)}, {nearest[3]:.2f} m away"
-    raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")
+    raise InputError(f"{name} ({x:.10g}, {y:.10g}) is {reason}; {where}.")
 
 
 def _to_digits(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:

@@ -25,7 +25,7 @@ from ambinav_planners.problem import Problem, cells_met, check_pose
 from ambinav_planners.search.costs_to_go import CostsToGo
 from ambinav_planners.search.lattice_graph import REACH, lattice_of
 from ambinav_planners.search.lattice_motions import STEPS
-from ambinav_planners.search.reachability import NoPathError
+from ambinav_planners.search.reachability import NoPathError, check_reachable
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -261,13 +261,18 @@ class Replanner:
         return None if best is None else best[1]
 
     def _no_path(self, problem: Problem) -> NoPathError:
-        """Return the error where the obstacles leave no path."""
+        """Return the error where the obstacles leave no path.
+
+        Raises:
+            NoPathError: the building itself leaves none, see `check_reachable`.
+        """
+        check_reachable(replace(problem, checker=self._robot))
         cell = lattice_of(problem.service, self._robot).cell
         labels = np.where(cell >= 0, np.isfinite(self._costs.to_go)[cell].astype(np.int32), -1)
         (x, y, _), (u, v, _) = problem.start, problem.goal
         return NoPathError(
-            f"no path leads from ({x:g}, {y:g}) to the goal ({u:g}, {v:g}) past the obstacles; "
-            "wait until one is gone, or choose another goal.",
+            f"no path leads from ({x:.10g}, {y:.10g}) to the goal ({u:.10g}, {v:.10g}) past the "
+            "obstacles; wait until one is gone, or choose another goal.",
             labels.astype(np.int32), 0, 1, problem.start, problem.goal,
         )  # fmt: skip
 

@@ -143,7 +143,7 @@ def test_a_plan_is_the_same_in_any_unit(tmp_path: Path, unit: str, metres: float
 @pytest.mark.parametrize(
     ("metres", "words"),
     [
-        (0.001, r"20000 by 12000 m in all, more than a building has; say with --unit whether"),
+        (0.001, r"20000 by 12000 m in all, more than a building has; say with --unit what its"),
         (0.01, r"2000 by 1200 m in all, more than a building"),
     ],
 )

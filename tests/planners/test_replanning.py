@@ -142,6 +142,19 @@ def test_obstacles_that_close_the_way_are_said(robot: RoutePlanner) -> None:
     assert again.route.cost == pytest.approx(route.cost, rel=1e-6)
 
 
+def test_walls_are_not_called_obstacles() -> None:
+    """Nor are places of a country, as in UTM, rounded to kilometres."""
+    x, y = 500_000.0, 5_000_000.0
+    rooms = environment_from_shapes(
+        [shapely.box(x, y, x + 3.0, y + 3.0), shapely.box(x + 3.2, y, x + 6.0, y + 3.0)]
+    )
+    amap = build_map(rooms, RangeScanner.planar(LASER, 16, 2.0 * math.pi), spacing=0.2, radius=0.4)
+    planner = Replanner(RoutePlanner(AmbiguityService(amap)), (x + 1.5, y + 1.5))
+    with pytest.raises(NoPathError, match=r"\(500004.25, 5000001.5\).*move one of them") as caught:
+        planner.replan((x + 4.25, y + 1.5))
+    assert "obstacle" not in str(caught.value)
+
+
 def test_changed_costs_change_the_route(robot: RoutePlanner, demo: AmbiguityService) -> None:
     planner = Replanner(robot, GOAL)
     route = planner.replan(START).route

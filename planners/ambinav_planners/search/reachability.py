@@ -145,4 +145,4 @@ def _in_one_part(checker: CollisionChecker, ends: NDArray[np.float64]) -> bool:
 
 
 def _place(pose: tuple[float, float, float]) -> str:
-    return f"({pose[0]:g}, {pose[1]:g})"
+    return f"({pose[0]:.10g}, {pose[1]:.10g})"
