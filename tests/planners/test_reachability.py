@@ -15,6 +15,7 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.runtime.errors import InputError
 from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.search.widest_way import widest_way
 from tests.planners.conftest import LASER
 
 
@@ -64,6 +65,22 @@ def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
     assert error.narrowest.width == pytest.approx(0.87, abs=0.03)
     assert "is 0.8" in str(error)
     assert "needs 0.90 m" in str(error)
+
+
+@pytest.mark.parametrize("length", [0.2, 1.0, 3.0])
+@pytest.mark.parametrize("low", [1.0, 2.065])
+@pytest.mark.parametrize("width", [0.475, 0.83])
+def test_the_narrowest_place_is_that_of_the_passage(
+    length: float, low: float, width: float
+) -> None:
+    """Wherever the points lie from which it is sought, and however long the passage is."""
+    end = 4.0 + length
+    passage = shapely.box(4, low, end, low + width)
+    floor = shapely.union_all([shapely.box(0, 0, 4, 4), passage, shapely.box(end, 0, end + 4, 4)])
+    rooms = an.environment_from_shapes([floor])
+    found = widest_way(rooms, np.array([1.5, 2.0]), np.array([end + 2.5, 2.0]), 0.2)
+    assert found is not None and found.width == pytest.approx(width, abs=0.0201)
+    assert 3.9 <= found.x <= end + 0.1 and low < found.y < low + width
 
 
 def test_the_place_that_is_offered_is_free() -> None:

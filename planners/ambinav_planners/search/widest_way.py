@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 # The narrowest place is looked at again on points so many times nearer to each other, within so
 # many spacings.
 FINER, AROUND = 10, 3
+# Cells of which one looks closer, for the time that it takes.
+MOST = 10_000
 # Half of the steps to the eight neighbours of a point, rows and columns.
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -41,7 +43,7 @@ def widest_way(
     """Return the narrowest place of the way whose narrowest place is widest.
 
     Ways are sought over a lattice of points; the discs up to the walls around two neighbours must
-    touch, so a way over free floor joins them. Gaps narrower than about a spacing are missed.
+    touch, so a way over free floor joins them. Gaps narrower than about two spacings may be missed.
 
     Args:
         geometry: The walls.
@@ -55,10 +57,19 @@ def widest_way(
     path = _path(geometry, start, goal, geometry.bounds, spacing)
     if path is None:
         return None
-    k = int(np.argmin(geometry.clearance(*path.T)))
-    first, last = path[max(k - AROUND, 0)], path[min(k + AROUND, len(path) - 1)]
+    clearance = np.asarray(geometry.clearance(*path.T))
+    k = int(clearance.argmin())
+    # Look closer between places that are clearly wider: else an end, off the middle of the
+    # passage, would be the narrowest place.
+    wide = np.flatnonzero(clearance > clearance[k] + spacing)
+    i, j = int(np.searchsorted(wide, k)), len(path) - 1
+    ends = (int(wide[i - 1]) if i > 0 else 0), (int(wide[i]) if i < len(wide) else j)
+    if np.prod(np.ptp(path[ends[0] : ends[1] + 1], axis=0) / spacing + 2 * AROUND) > MOST:
+        ends = max(k - AROUND, 0), min(k + AROUND, j)
+    some = path[ends[0] : ends[1] + 1]
+    first, last = some[0], some[-1]
     reach = (AROUND + 1) * spacing
-    (xmin, ymin), (xmax, ymax) = path[k] - reach, path[k] + reach
+    (xmin, ymin), (xmax, ymax) = some.min(axis=0) - reach, some.max(axis=0) + reach
     near = _path(geometry, first, last, (xmin, ymin, xmax, ymax), spacing / FINER)
     path = path if near is None else near
     clearance = np.asarray(geometry.clearance(*path.T))
