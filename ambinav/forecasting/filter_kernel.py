@@ -55,6 +55,8 @@ LEAST_SHARE = 1e-6
 LEAST_LOST = 1e-9
 # Information along an axis below this share of the whole is left out: rounding.
 LEAST_PIVOT = 1e-14
+# One over a smaller number may be infinite.
+LEAST_NORMAL = 1e-300
 # Rounding of updates.
 ROUNDING = 1e-9
 # Of a diagonal of the field, whose entries are float32, this share may be rounding.
@@ -285,7 +287,7 @@ def take_in(cov, information):
     """
     a = information
     # Rounding may have left less than nothing of an information that `limit` took away.
-    least = max(LEAST_PIVOT * (a[0, 0] + a[1, 1] + a[2, 2]), 0.0)
+    least = max(LEAST_PIVOT * (a[0, 0] + a[1, 1] + a[2, 2]), LEAST_NORMAL)
     for k in range(3):
         pivot = a[k, k]
         if not pivot > least:

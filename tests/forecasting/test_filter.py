@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import quad
@@ -253,6 +253,7 @@ def test_limits_along_and_across_the_heading() -> None:
     st.tuples(*[st.floats(-3.0, 3.0)] * 9), st.tuples(*[st.floats(-30.0, 30.0)] * 9),
     st.integers(1, 3),
 )  # fmt: skip
+@example((0.0,) * 9, (0.0, 0.0, 0.0, 1.5e-156, *(0.0,) * 5), 1)
 def test_taking_in_is_adding_information(
     root: tuple[float, ...], seen: tuple[float, ...], rank: int
 ) -> None:
