@@ -176,8 +176,8 @@ class PricedGraph:
         k = int(free.argmax())
         (a, ax, ay), (b, bx, by) = ((self.graph.nodes[n]["id"], *xy[n]) for n in ends[k])
         return (
-            f"add edges, such as from node {a} at ({ax:.10g}, {ay:.10g}) to node {b} at ({bx:g}, "
-            f"{by:g}), {apart[order[k]]:.1f} m"
+            f"add edges, such as from node {a} at ({ax:.10g}, {ay:.10g}) to node {b} at "
+            f"({bx:.10g}, {by:.10g}), {apart[order[k]]:.1f} m"
         )
 
     def priced(self, weight: float) -> RouteGraph:

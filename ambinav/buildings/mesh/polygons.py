@@ -1,14 +1,16 @@
 """Files of meshes that the reader of meshes would misread: found before it reads them.
 
 Of a polygon it makes a fan of triangles, which leaves a polygon that is not convex; vertices that
-an OBJ counts from the end it takes from the end of the file; an ASCII PLY that is cut off it reads
-as far as it goes.
+an OBJ counts from the end it takes from the end of the file, and a face with the vertex 0 it leaves
+out; an ASCII PLY that is cut off it reads as far as it goes.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +20,19 @@ from ambinav.runtime.errors import InputError
 
 # Sine of the angle by which a corner may point inwards: rounding.
 FLAT = 1e-3
+# Faces of an OBJ: with an index below 1, and with more than three corners.
+_FROM_END: Final = re.compile(
+    rb"^[ \t]*f[ \t][^\r\n]*?(?<=[ \t])(-\d+|0+)(?=[/\s]|$)", re.MULTILINE
+)
+_POLYGON: Final = re.compile(rb"^[ \t]*f(?:[ \t]+[^\s]+){4}", re.MULTILINE)
 
 
 def check_polygons(path: Path) -> None:
     """Check the polygons of an OBJ or an ASCII PLY; other files have none or are not checked.
 
     Raises:
-        InputError: a face is a polygon that is not convex, an OBJ counts vertices from the end, or
-            a PLY is cut off.
+        InputError: a face is a polygon that is not convex, an OBJ counts vertices from the end or
+            from 0, or a PLY is cut off.
     """
     suffix = path.suffix.lower()
     if suffix not in (".obj", ".ply"):
@@ -34,7 +41,7 @@ def check_polygons(path: Path) -> None:
     for size in {len(face) for face in faces}:
         corners = np.array([face for face in faces if len(face) == size], dtype=np.int64)
         if corners.min() < 0 or corners.max() >= len(points):
-            return  # said by who reads it
+            continue  # who reads it says so
         inward = _inward(np.array(points)[corners])
         if inward.any():
             x, y, z = points[corners[np.argmax(inward), 0]]
@@ -58,23 +65,27 @@ def _inward(polygons: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _obj(path: Path) -> tuple[list[Sequence[float]], list[list[int]]]:
-    """Return vertices and polygons of four corners and more."""
+    """Return vertices and polygons of four corners and more; nothing if there is none of these."""
+    content = path.read_bytes()
     points: list[Sequence[float]] = []
     faces: list[list[int]] = []
-    with path.open("rb") as file:
-        for number, line in enumerate(file, 1):
-            words = line.split()
-            if words[:1] == [b"v"]:
-                points.append(_numbers(words[1:4], path, number))
-            elif words[:1] == [b"f"]:
-                corners = [word.partition(b"/")[0] for word in words[1:]]
-                if any(corner.startswith(b"-") for corner in corners):
-                    raise InputError(
-                        f"{path}: line {number} counts its vertices from the end "
-                        f"({words[1].decode('latin-1')}); export it with indices above 0."
-                    )
-                if len(corners) > 3:
-                    faces.append([int(k) - 1 if k.isdigit() else -1 for k in corners])
+    found = _FROM_END.search(content)
+    if found:
+        number = content.count(b"\n", 0, found.start()) + 1
+        raise InputError(
+            f"{path}: line {number} has the vertex {found[1].decode()}, counted from the end or "
+            "from 0; export it with indices above 0."
+        )
+    if not _POLYGON.search(content):
+        return points, faces
+    for number, line in enumerate(content.splitlines(), 1):
+        words = line.split()
+        if words[:1] == [b"v"]:
+            points.append(_numbers(words[1:4], path, number))
+        elif words[:1] == [b"f"] and len(words) > 4:
+            corners = [word.partition(b"/")[0] for word in words[1:]]
+            # What is no index is said by who reads it.
+            faces.append([int(k) - 1 if k.isdigit() else -1 for k in corners])
     return points, faces
 
 

@@ -222,9 +222,17 @@ def test_files_that_would_be_misread_are_refused(tmp_path: Path) -> None:
             read_mesh(path)
     obj = polygons(tmp_path / "room.obj", BENT, [])
     whole = obj.read_text()
-    obj.write_text(whole + "f -1 -2 -3\n")
-    with pytest.raises(InputError, match=r"line 19 counts its vertices from the end \(-1\)"):
-        read_mesh(obj)
+    for face, index in (
+        ("-1 -2 -3", "-1"),
+        ("1 2/2 -10//3", "-10"),
+        ("1 0 2", "0"),
+        ("2/1 1 0", "0"),
+    ):
+        obj.write_text(f"{whole}f {face}\nf 10 1/0 2\n")
+        with pytest.raises(
+            InputError, match=f"line 19 has the vertex {index}, counted from the end"
+        ):
+            read_mesh(obj)
     obj.write_text(whole.replace("v 4 6 2.5", "v 4 6"))
     with pytest.raises(InputError, match=r"line 9 is no vertex \(4 6\)"):
         read_mesh(obj)
