@@ -90,7 +90,7 @@ def save_policy(
 
     Raises:
         InputError: the algorithm or a part of the network is another than files can hold, a value
-            is not plain, the `id` is none of ours, or nothing can be written.
+            is not plain, nobody has registered an `id` of ours, or nothing can be written.
     """
     task = without_own_module(str(environment.get("id", "")))
     if task.startswith(f"{NAMESPACE}/"):
