@@ -75,8 +75,8 @@ def load_polygons(
     Args:
         path: The file.
         level: Which floor, by name or by position from 0 on.
-        unit: What the coordinates are in: "m", "cm" or "mm"; None: metres, if the plan has the
-            size of a building then (`plan_units`).
+        unit: What the coordinates are in (`plan_units.UNITS`); None: metres, if the plan has the
+            size of a building then.
 
     Raises:
         InputError: The file cannot be read, is not GeoJSON or WKT, is in degrees or in a unit

@@ -13,6 +13,7 @@ from ezdxf import path as paths
 from ezdxf.filemanagement import readfile
 from numpy.typing import NDArray
 
+from ambinav.buildings.dxf.wide_lines import wide_outlines
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import ends_with
 
@@ -158,6 +159,9 @@ def _written(layer: str, entity: Any) -> Written:
 
 
 def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
+    if getattr(entity, "has_width", False):
+        yield from wide_outlines(entity, tolerance)
+        return
     apart = entity.dxftype() == "MLINE" or getattr(entity, "has_arc", False)
     for part in entity.virtual_entities() if apart else (entity,):
         # Paths have Bézier curves for arcs, which miss them by 0.3 mm a metre.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +19,9 @@ Points = NDArray[np.float64]
 # GeoTIFF's keys of the kind of coordinates and of their unit, and what they say of degrees, metres.
 _KIND, _DEGREES = 1024, 2
 _UNIT, _METRES = 3076, 9001
+# Bytes of a record before its content, at the head of a LAS file and behind its points; and the bit
+# of the format of points that says that they are compressed.
+_RECORD, _EXTENDED_RECORD, _COMPRESSED = 54, 60, 0x80
 _CARTESIAN: Final = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL: Final = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _INVALID: Final = ("cartesianInvalidState", "sphericalInvalidState")
@@ -34,6 +38,7 @@ def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Point
     import laspy
 
     read = 0
+    _check_counts(path)
     with laspy.open(path) as file:
         _check_reference(path, file.header, unit)
         for chunk in file.chunk_iterator(AT_ONCE):
@@ -41,6 +46,34 @@ def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Point
             yield np.stack([np.asarray(chunk[axis], dtype=np.float64) for axis in "xyz"], axis=1)
         if read < file.header.point_count:
             raise cut_off(path, read, file.header.point_count)
+
+
+def _check_counts(path: Path) -> None:
+    """Check the numbers of records and chunks in a LAS file: laspy makes as many as they say.
+
+    The layout is that of LAS 1.4 R15, section 2.4, and of chunk tables of LAZ.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(375).ljust(375, b"\0")
+        (header, points, records) = struct.unpack_from("<HII", head, 94)
+        too_many = header + _RECORD * records > max(points, header)
+        if head[:4] == b"LASF" and (head[24], head[25]) >= (1, 4):
+            first, extended = struct.unpack_from("<QI", head, 235)
+            too_many |= first + _EXTENDED_RECORD * extended > size and extended > 0
+        if head[104] & _COMPRESSED and not too_many:
+            file.seek(points)
+            (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+            if table == -1:  # written without going back: the place is at the end of the file
+                file.seek(max(size - 8, 0))
+                (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+            file.seek(min(max(table, 0) + 4, size))
+            (chunks,) = struct.unpack("<I", file.read(4).ljust(4, b"\0"))
+            too_many = not points < table < size or chunks > size
+    if head[:4] == b"LASF" and too_many:
+        raise InputError(
+            f"{path}: its header is damaged or it is cut off; copy or export it again."
+        )
 
 
 def _check_reference(path: Path, header: Any, unit: str | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +24,9 @@ from ambinav.runtime.errors import InputError
 
 SUFFIXES: Final = (".glb", ".obj", ".ply", ".stl")
 """The suffixes of files that can be read."""
+# Where nobody has set up logging, what trimesh logs would be printed: tracebacks of what is said
+# here in a sentence.
+_SILENT: Final = logging.NullHandler()
 # glTF says that it is in metres, and that y is up.
 _GLTF_UP: Final = "y"
 
@@ -96,6 +100,7 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")
     try:
         check_polygons(path)
+        logging.getLogger("trimesh").addHandler(_SILENT)
         # `process` would merge vertices and drop what is not finite, which is to be seen here.
         scene = trimesh.load_scene(path, process=False)
         every = scene.dump()
@@ -110,7 +115,9 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     except InputError:
         raise
     except Exception as error:  # readers raise many kinds of errors for damaged files
+        # Faces of different sizes in a binary PLY are not told from a file that is cut off.
+        how = " with triangles only" if path.suffix.lower() == ".ply" else ""
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
-            f"{error}); export it again."
+            f"{error}); export it again{how}."
         ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from ambinav.buildings.mesh import cloud, cloud_tables
 from ambinav.buildings.mesh.cloud import is_cloud, read_cloud
+from ambinav.buildings.mesh.cloud_scans import las_points
 from ambinav.buildings.mesh.floor import find_floor, floor_environment
 from ambinav.buildings.mesh.octomap import read_octomap
 from ambinav.casting.mesh.mesh import Mesh
@@ -287,6 +289,34 @@ def test_no_points_in_a_las_file_and_faces_in_a_ply(tmp_path: Path) -> None:
     laspy.LasData(laspy.LasHeader(point_format=3, version="1.2")).write(str(tmp_path / "none.las"))
     with pytest.raises(InputError, match="it has no points"):
         read_cloud(tmp_path / "none.las")
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize("version", ["1.2", "1.4"])
+def test_a_header_with_more_records_than_the_file_can_hold(
+    tmp_path: Path, version: str, suffix: str
+) -> None:
+    """Its reader would make them all, or end the interpreter."""
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    found = laspy.LasData(laspy.LasHeader(point_format=3, version=version))
+    found.x, found.y, found.z = np.random.default_rng(0).uniform(0.0, 9.0, (3, 200))
+    path = tmp_path / f"room.{suffix}"
+    found.write(str(path))
+    assert len(np.concatenate([*las_points(path, [], None)])) == 200
+    whole = path.read_bytes()
+    damaged = [(100, "<I", 2**31)]  # records
+    if version == "1.4":
+        damaged.append((243, "<I", 2**31))  # extended ones
+    if suffix == "laz":
+        points = int.from_bytes(whole[96:100], "little")
+        table = int.from_bytes(whole[points : points + 8], "little")
+        damaged += [(table + 4, "<I", 2**32 - 1), (points, "<q", 2**60)]  # chunks, their table
+    for at, kind, value in damaged:
+        content = bytearray(whole)
+        struct.pack_into(kind, content, at, value)
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="its header is damaged or it is cut off"):
+            list(las_points(path, [], None))
 
 
 def test_points_that_an_e57_calls_invalid_and_spheres(tmp_path: Path) -> None:

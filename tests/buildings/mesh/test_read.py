@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -211,6 +212,20 @@ def test_polygons_are_read_where_a_fan_of_triangles_is_the_same(
     around = [(4 * math.cos(k * math.pi / 3), 4 * math.sin(k * math.pi / 3)) for k in range(6)]
     hexagon = polygons(tmp_path / f"hexagon{suffix}", around, [[0, 1, 2, 3, 4, 5]])
     assert len(read_mesh(hexagon, up="z", unit="m").faces) == 4 + 2 * len(SIDES)
+
+
+def test_faces_of_several_sizes_in_a_binary_ply(tmp_path: Path) -> None:
+    points = np.array([(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0)], dtype="<f4")
+    header = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 2\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    faces = struct.pack("<B4iB3i", 4, 0, 1, 2, 3, 3, 0, 1, 2)
+    path = tmp_path / "room.ply"
+    path.write_bytes(header.encode() + points.tobytes() + faces)
+    with pytest.raises(InputError, match="export it again with triangles only"):
+        read_mesh(path)
 
 
 def test_files_that_would_be_misread_are_refused(tmp_path: Path) -> None:
