@@ -351,6 +351,6 @@ def test_training_files_and_cards_keep_the_level(tmp_path: Path) -> None:
     for arguments in (config.arguments, config.judged):
         assert source_of(arguments)[1].walls_std == LEVELS[2]["walls_std"]
     path = tmp_path / "p.zip"
-    save_policy(model(normalized()), path, environment=settings)
+    save_policy(model(normalized(window_cells=16)), path, environment=settings)
     kept = arguments_of(read_card(path))
     assert kept["difficulty"] == 2 and not set(kept) & set(LEVELS[2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,18 +15,23 @@ from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.runtime.provenance import code_digest, library_version
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import (
     CARD,
     Card,
     card_text,
+    of_id,
     parse_card,
     plain_environment,
 )
+from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.policies.network import ALGORITHMS, build_policy, network_of, required, weights_of
 from ambinav_envs.policies.normalization import Normalization, sizes_of
+from ambinav_envs.policies.policy import BUILDINGS, ModelPolicy
 from ambinav_envs.policies.shapes import described, space_of
 from ambinav_envs.registration import spec_of, without_own_module
+from ambinav_envs.spaces import action_space, observation_space
 from ambinav_envs.tasks import NAMESPACE
 
 WEIGHTS: Final = "weights.safetensors"
@@ -89,11 +94,14 @@ def save_policy(
         base: The reactive baseline that the model corrects, see `Card`.
 
     Raises:
-        InputError: the algorithm or a part of the network is another than files can hold, a value
-            is not plain, nobody has registered an `id` of ours, or nothing can be written.
+        InputError: the algorithm or a part of the network is another than files can hold, an
+            argument of the environment is unknown or has a value of no use, the model does not fit
+            that environment, a value is not plain, nobody has registered an `id` of ours, or
+            nothing can be written.
     """
     task = without_own_module(str(environment.get("id", "")))
-    if task.startswith(f"{NAMESPACE}/"):
+    ours = task.startswith(f"{NAMESPACE}/")
+    if ours:
         spec_of(task)  # else nobody could say in which buildings the policy was trained
     name = type(model).__name__
     if name not in ALGORITHMS:
@@ -122,7 +130,26 @@ def save_policy(
         limits,
         base,
     )
+    if ours or not task:
+        _check_fit(ModelPolicy(model, name=Path(path).stem), environment, base)
     write_policy_file(PolicyFile(card, dict(weights_of(model.policy)), normalization), path)
+
+
+def _check_fit(model: ModelPolicy, environment: Mapping[str, Any], base: str | None) -> None:
+    """Check that a model could drive in an environment of ours that is made with these arguments.
+
+    Raises:
+        InputError: it could not, or an argument is unknown or has a value of no use.
+    """
+    names = [item.name for item in fields(NavigationParameters)]
+    known = (*names, *BUILDINGS, "render_mode")
+    for key in environment:
+        if key not in known:
+            raise InputError(f"environment has the key {key!r}; {nearest(str(key), known)}.")
+    given = of_id(environment) | dict(environment)
+    parameters = NavigationParameters.of({name: given[name] for name in names if name in given})
+    policy = model if base is None else CorrectedPolicy(model, base)
+    policy.prepare(observation_space(parameters), action_space(parameters))
 
 
 def write_policy_file(policy: PolicyFile, path: str | Path) -> None:

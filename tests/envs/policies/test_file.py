@@ -79,6 +79,7 @@ def test_the_card(file: Path) -> None:
 def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     scanner = RangeScanner.from_preset("rplidar-a1").thinned(60)
     environment = {
+        "window_cells": OPTIONS["window_cells"],
         "robot": Robot(radius=0.3),
         "scanner": scanner,
         "buildings": 7,
@@ -140,9 +141,25 @@ def test_an_id_that_nobody_knows_is_not_taken_for_another(file: Path, tmp_path: 
     assert environment_for(policy, {}, "ambinav/Hall-v1")["id"] == "ambinav/Hall-v1"
 
 
-def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="card cannot be written"):
-        save_policy(model(normalized()), tmp_path / "p.zip", environment={"reward": object()})
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"map": object()}, "card cannot be written"),
+        ({"foo": 3}, "environment has the key 'foo'"),
+        ({"windows": True}, "did you mean window"),
+        ({"people": -3}, "people"),
+        ({"window": False}, "the environment has .*; make it with"),
+        ({"window_cells": 16}, "'window' has 512 numbers and the policy wants 32; make it with"),
+        ({"discrete": True}, "gives 2 numbers and the environment takes one of"),
+    ],
+)
+def test_an_environment_that_the_model_cannot_come_from(
+    tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
+    made = model(normalized())
+    for own in ({"id": NAME}, {}):
+        with pytest.raises(InputError, match=message):
+            save_policy(made, tmp_path / "p.zip", environment={**OPTIONS, **own, **wrong})
     assert not list(tmp_path.iterdir())
 
 
@@ -224,7 +241,7 @@ def test_the_same_policy_is_the_same_file(tmp_path: Path) -> None:
     envs = normalized()
     made = model(envs)
     for name in ("a.zip", "b.zip"):
-        save_policy(made, tmp_path / name, environment={}, normalization=envs)
+        save_policy(made, tmp_path / name, environment=OPTIONS, normalization=envs)
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
         assert archive.namelist() == [CARD, WEIGHTS]
