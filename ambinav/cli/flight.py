@@ -19,7 +19,7 @@ from ambinav.cli.plan_options import (
     SearchOptions,
 )
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import check_file
+from ambinav.cli.running import above_zero, check_file
 from ambinav.cli.space_options import option
 from ambinav.runtime.errors import InputError
 
@@ -85,6 +85,8 @@ def plan_flight(
             conflict(option(field.name), given, "is for robots on the floor, not for --space r3")
     search.check()
     cost.check(search)
+    above_zero(robot.robot_radius, "--robot-radius", "0.2")
+    above_zero(robot.half_height, "--half-height", "0.2")
     from ambinav_planners.flight_route import SUFFIXES
 
     check_suffix(output, "--output", SUFFIXES)

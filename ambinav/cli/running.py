@@ -288,7 +288,8 @@ def above_zero(value: float | None, option: str, example: str, unit: str = "metr
         InputError: it is not.
     """
     if value is not None and not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{option}: {value:g} is not above zero; give {unit}, e.g. {example}.")
+        fault = "is not finite" if value > 0.0 else "is not above zero"
+        raise InputError(f"{option}: {value:g} {fault}; give {unit}, e.g. {example}.")
     _check_size(value, option, example, unit)
 
 
@@ -299,7 +300,8 @@ def not_negative(value: float | None, option: str, example: str, unit: str = "me
         InputError: it is not.
     """
     if value is not None and not (math.isfinite(value) and value >= 0.0):
-        raise InputError(f"{option}: {value:g} is not zero or above; give {unit}, e.g. {example}.")
+        fault = "is not finite" if value > 0.0 else "is not zero or above"
+        raise InputError(f"{option}: {value:g} {fault}; give {unit}, e.g. {example}.")
     _check_size(value, option, example, unit)
 
 

@@ -23,6 +23,7 @@ from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
+from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
@@ -37,6 +38,8 @@ FAR = 100.0
 """A route so many times farther off than a map is large is not sampled."""
 OFF_FLOOR = 0.1
 """Share of a route's places that may be farther than a cell from the free cells of the map."""
+TOUCHING = 1e-3
+"""Metres by which a step of a route has to go on behind a wall to cross it."""
 START_STD = (0.05, 0.05, 0.02)
 """Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
 
@@ -98,7 +101,7 @@ class Forecaster:
             those that a comparison of routes simulates, `OdometryNoise()`.
         localizer: Class of localizer: a name of `localizer_classes()`, the YAML file of one, or a
             `LocalizerClass`.
-        start_std: Deviations of x, y (metres) and heading (radians) at the start.
+        start_std: Deviations of x, y (metres) and heading (radians) at the start, up to the limits.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.
         lateral_limit: Metres across the robot's heading from which it is lost, as on a lane; then
@@ -117,8 +120,8 @@ class Forecaster:
         settings: Localizer and limits, for the kernels.
 
     Raises:
-        InputError: a name is unknown, a number is not above 0, or the map does not tell its
-            scanner or does not keep the walls that it sees.
+        InputError: a name is unknown, a number is not above 0, a robot would start beyond the
+            limits, or the map does not tell its scanner or does not keep the walls that it sees.
     """
 
     def __init__(
@@ -155,12 +158,19 @@ class Forecaster:
         self.field = InformationField.of(
             amap, environment, poses, echoes=self.localizer.limited_by_echoes(scanner)
         )
-        self.start = np.diag(np.square(_deviations(start_std)))
         self.settings = self.localizer.settings(
             _limit(position_limit, "position_limit"),
             _limit(heading_limit, "heading_limit"),
             None if lateral_limit is None else _limit(lateral_limit, "lateral_limit"),
         )
+        deviations = _deviations(start_std)
+        if max(deviations[:2]) > position_limit or deviations[2] > heading_limit:
+            raise InputError(
+                f"start_std is {shown(start_std)}, beyond the limits of {position_limit:g} m and "
+                f"{heading_limit:.3g} rad from which a robot is lost; a forecast is of robots that "
+                "know where they start: give less, or drive them."
+            )
+        self.start = np.diag(np.square(deviations))
 
     def __call__(self, route: Route) -> Forecast:
         """Return the forecast of a route.
@@ -170,6 +180,7 @@ class Forecaster:
         """
         poses, along = self._sampled(*_checked([route]))
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
+        self._note_walls(poses)
         lost = self.localizer.calibrated(lost)
         causes = causes_of(poses, along, lost, covariance, self.lost_rule)
         return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
@@ -220,11 +231,19 @@ class Forecaster:
         x, y = route.poses[:, 0], route.poses[:, 1]
         far = np.maximum.reduce([xmin - x, x - xmax, ymin - y, y - ymax]) > FAR * size
         if far.any():
-            # Before its samples fill the memory.
             k = int(far.argmax())
             raise InputError(
                 f"route: ({x[k]:.6g}, {y[k]:.6g}) m is far from the floor of {self.map.source}; "
                 "give the map that it was planned on."
+            )
+        # Before its samples fill the memory.
+        longest = float(
+            np.max(route.steering.lengths(route.poses[:-1], route.poses[1:]), initial=0.0)
+        )
+        if longest > FAR * size:
+            raise InputError(
+                f"route: one of its motions is {longest:.3g} m long, on a map of {size:.3g} m; "
+                "correct the route or its turning radius."
             )
         poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
         if self._only is not None and poses.tobytes() not in self._only:
@@ -233,6 +252,25 @@ class Forecaster:
                 "made for; make one for it, or one without `routes`."
             )
         return poses, along
+
+    def _note_walls(self, poses: Floats) -> None:
+        """Warn of a route through a wall, as of another building's."""
+        dx, dy = np.diff(poses[:, :2], axis=0).T
+        away = np.hypot(dx, dy)
+        if not away.any():
+            return
+        x, y = poses[:-1, 0], poses[:-1, 1]
+        echo, wall = self._building.cast_hits(x, y, np.arctan2(dy, dx), float(away.max()))
+        seen = self._building.segments.kind[wall] != FRONTIER
+        crossing = np.flatnonzero(seen & (echo < away - TOUCHING))
+        if len(crossing):
+            k = crossing[0]
+            warnings.warn(
+                f"the route crosses walls of {self.map.source}, first near ({x[k]:.1f}, {y[k]:.1f})"
+                " m; give the map that it was planned on",
+                InputWarning,
+                stacklevel=3,
+            )
 
     def _floor(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         return np.asarray(self.map.sample("free", x, y)) >= 0.5

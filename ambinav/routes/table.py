@@ -54,6 +54,8 @@ def route_of_text(text: str, where: str) -> Route:
     """
     saved, (first, names), rows = parsed(text, where)
     columns = COLUMNS + STAMP if STAMP[0] in names else COLUMNS
+    if names[2:3] == ["z"]:
+        raise InputError(f"{where}: it is a route through space; give one of a robot on the floor.")
     if names not in (list(columns), list(columns + COVARIANCE)):
         raise InputError(
             f"{where}: line {first}: the columns are {', '.join(names)}; "

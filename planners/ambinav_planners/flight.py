@@ -169,8 +169,8 @@ class FlightPlanner:
                 raise NotFoundError("no free cells of the volume lead from start to goal.")
             budget_text = f"{seconds:g} s" if iterations is None else f"{iterations} iterations"
             raise NotFoundError(
-                f"planner {planner_name!r} found no path in its {budget_text}; give it more, or a "
-                "smaller radius."
+                f"planner {planner_name!r} found no path in its {budget_text}; give it more, or "
+                f"{self._smaller}."
             )
         if improved:
             points = shortened(points, self.service, self.checker)
@@ -233,7 +233,12 @@ class FlightPlanner:
                 return (
                     f"the nearest free place is ({x:.4g}, {y:.4g}, {z:.4g}), {away[k]:.2g} m away."
                 )
-        return "no place near it is free; give a smaller radius."
+        return f"no place near it is free; give {self._smaller}."
+
+    @property
+    def _smaller(self) -> str:
+        """What makes the robot fit."""
+        return "a smaller robot" if self.checker.half_height else "a smaller radius"
 
 
 class _SphereValidity(ob.StateValidityChecker):

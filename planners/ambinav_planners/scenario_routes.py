@@ -13,7 +13,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
-from ambinav_planners.planning import planner_name_or_default
+from ambinav_planners.planning import AUTO, planner_name_or_default
 from ambinav_planners.problem import check_pose
 from ambinav_planners.registry import planner
 
@@ -21,6 +21,16 @@ ITERATIONS: Final = 1000
 """Iterations of planners that sample, where a scenario gives none."""
 
 Place = tuple[float, ...]
+
+
+def check_planner(name: str) -> None:
+    """Check the name of a planner, or `AUTO`.
+
+    Raises:
+        InputError: it is unknown.
+    """
+    if name != AUTO:
+        planner(name)
 
 
 def check_route(

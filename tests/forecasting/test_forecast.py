@@ -26,7 +26,7 @@ from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from tests.geometry.scenes import environment
 
-ROOMS = Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]])
+ROOMS = Route.through([[8.5, 8.0], [8.5, 10.4], [28.0, 10.6]])
 """Past furniture and doors."""
 HALL = Route.through([[9.0, 16.0], [14.5, 21.0], [20.5, 21.0]])
 """Through the middle of the hall, where no wall is in range."""
@@ -304,3 +304,17 @@ def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
             LocalizerClass.load(path)
     with pytest.raises(InputError, match=r"nothing\.yaml"):
         LocalizerClass.load("nothing.yaml")
+
+
+def test_what_a_forecast_cannot_know_is_said(demo_map: AmbiguityMap) -> None:
+    forecaster = Forecaster(demo_map)
+    with pytest.warns(InputWarning, match=r"crosses walls of .*, first near \(10\.\d, 10\.0\) m"):
+        forecaster(Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]]))
+    loop = an.Steering("dubins", 1e7)
+    with pytest.raises(InputError, match=r"one of its motions is \d\.\d+e\+07 m long"):
+        forecaster(Route.through([[14.5, 20.0, 0.0], [14.5, 19.0, 3.0]], loop))
+    for start in ((5.0, 0.1, 0.02), (0.1, 0.1, 1.0)):
+        with pytest.raises(InputError, match=r"beyond the limits of 0\.5 m and 0\.524 rad"):
+            Forecaster(demo_map, start_std=start)
+    still = Route.through([[14.5, 20.0], [14.5, 20.0]])
+    assert forecaster(still).lost_probability < 0.01

@@ -72,6 +72,10 @@ def check_plans(loaded: ScenarioBundle) -> None:
         robot, planning = loaded.scenario.robot, loaded.scenario.planning
         footprint = Footprint.disc(robot.radius + planning.margin)
         checker = CollisionChecker(loaded.environment, footprint, planning.steering)
+        try:
+            _import_planners().check_planner(planning.planner)
+        except InputError as error:
+            raise InputError(f"planning: {error}") from error
     for pair, part in _wanted(loaded):
         with _naming_route(pair, part):
             if part.kind == "file":

@@ -78,7 +78,8 @@ def compare_routes(
     """
     check_guarded("compare_routes")
     out = STUDY.folder.check(folder)
-    check_plans(loaded)
+    with loaded.named():
+        check_plans(loaded)
     with STUDY.folder.hold(out):
         begin = bars or (lambda text: lambda share: None)
         return _compare(loaded, out, jobs, begin, image_format, store)
@@ -95,9 +96,10 @@ def _compare(
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
-    amap = _load_map(loaded, out / WORK, begin, store)
-    plans = make_plans(loaded, amap, begin("routes"))
-    worlds = make_worlds(loaded, plans)
+    with loaded.named():
+        amap = _load_map(loaded, out / WORK, begin, store)
+        plans = make_plans(loaded, amap, begin("routes"))
+        worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
     names = [
         f"{number + 1:02d}-{slug(plan.pair)}-{slug(plan.name)}" for number, plan in enumerate(plans)

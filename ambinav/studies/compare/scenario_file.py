@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +42,7 @@ class ScenarioBundle:
 
     Attributes:
         scenario: Contents of the file.
-        folder: Folder of the file.
+        path: The file.
         environment: The building.
         scanner: The scanner.
         force: Let policies drive another scanner or robot than they were trained with.
@@ -49,11 +50,24 @@ class ScenarioBundle:
     """
 
     scenario: Scenario
-    folder: Path
+    path: Path
     environment: Environment
     scanner: RangeScanner
     force: bool = False
     trust: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the file."""
+        return self.path.parent
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Add the file to error messages."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from error
 
 
 def load_scenario(
@@ -97,7 +111,7 @@ def load_scenario(
         localizer.check(environment, scanner)
     except InputError as error:
         raise InputError(f"{path}: localizer: {error}") from error
-    return ScenarioBundle(scenario, path.parent, environment, scanner, force, trust)
+    return ScenarioBundle(scenario, path, environment, scanner, force, trust)
 
 
 def parse_scenario(

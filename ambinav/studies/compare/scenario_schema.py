@@ -39,6 +39,15 @@ class MapPart(ConfigModel):
     map_std: float | None = Field(default=None, ge=0.0)
     layer: str | None = None
 
+    @model_validator(mode="after")
+    def _has_neighbours(self) -> MapPart:
+        if self.radius < self.spacing:
+            raise InputError(
+                f"radius is {self.radius:g} m and spacing {self.spacing:g} m; give a radius of at "
+                "least one spacing"
+            )
+        return self
+
 
 class PlanningPart(ConfigModel):
     """Parameters common to all planned routes.
