@@ -231,19 +231,11 @@ class Forecaster:
         x, y = route.poses[:, 0], route.poses[:, 1]
         far = np.maximum.reduce([xmin - x, x - xmax, ymin - y, y - ymax]) > FAR * size
         if far.any():
+            # Before its samples fill the memory.
             k = int(far.argmax())
             raise InputError(
                 f"route: ({x[k]:.6g}, {y[k]:.6g}) m is far from the floor of {self.map.source}; "
                 "give the map that it was planned on."
-            )
-        # Before its samples fill the memory.
-        longest = float(
-            np.max(route.steering.lengths(route.poses[:-1], route.poses[1:]), initial=0.0)
-        )
-        if longest > FAR * size:
-            raise InputError(
-                f"route: one of its motions is {longest:.3g} m long, on a map of {size:.3g} m; "
-                "correct the route or its turning radius."
             )
         poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
         if self._only is not None and poses.tobytes() not in self._only:

@@ -16,7 +16,7 @@ from ambinav.buildings.dxf.layers import role_by_name
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, GLASS
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 
 ROOM = shapely.box(0.2, 0.2, 6.2, 4.2)
 OUTER = shapely.box(0.0, 0.0, 6.4, 4.4)
@@ -381,12 +381,38 @@ def endless(space: Any) -> None:
     space.add_blockref("loop", (0, 0))
 
 
+def nan_corner(space: Any) -> None:
+    room(space)
+    lines(space, "Walls", (1.0, 1.0, math.nan, 2.0))
+
+
+def only_elsewhere(space: Any) -> None:
+    space.doc.add_xref_def("columns.dxf", "XR")
+    space.add_blockref("XR", (0, 0))
+
+
+def test_what_lies_in_another_file_is_named(tmp_path: Path) -> None:
+    def draw(space: Any) -> None:
+        room(space)
+        only_elsewhere(space)
+        space.add_blockref("NONE", (0, 0))
+
+    with pytest.warns(InputWarning, match=r"absent block NONE, 1 absent block XR \(columns\.dxf\)"):
+        env = loaded(tmp_path, draw)
+    assert "1 absent block NONE" in env.notes[-1]
+
+
 @pytest.mark.parametrize(
     ("draw", "said"),
     [
         (blocks_only, "blocks are inserted nowhere with no lines in the model space"),
         (lambda space: None, "no lines in the model space"),
-        (lambda space: space.add_text("hello"), "no lines in the model space"),
+        (
+            lambda space: space.add_text("hello"),
+            "beside 1 TEXT it holds no lines in the model space",
+        ),
+        (nan_corner, "a LINE on the layer Walls has corners that are nowhere"),
+        (only_elsewhere, r"beside 1 absent block XR \(columns.dxf\) it holds no lines"),
         (endless, "a block contains itself"),
         (lambda space: rectangle(space, TABLE, "Furniture"), "holds walls by its name"),
         (lambda space: rectangle(space, shapely.box(0, 0, 6, 0.3), "Walls"), "no floor is left"),

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import ifcopenshell
 import numpy as np
 import pytest
 import shapely
@@ -212,7 +213,7 @@ EMPTY = (
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("", "this is no IFC file"),
+        ("", "the file is empty"),
         ("PK\x03\x04", "this is no IFC file"),
         (EMPTY.format(schema="IFC4"), "there is no IfcWall in it"),
         (EMPTY.format(schema="AP214"), r"this is no IFC file \(Unsupported schema: AP214\)"),
@@ -272,3 +273,18 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_options_of_no_use_are_refused(options: dict[str, Any], said: str, house: Path) -> None:
     with pytest.raises(InputError, match=said):
         load_environment(house, level=0, **options)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "text"), [("KILO", r"stand on 1\.\d+e\+04 x"), ("MILLI", r"up to 0\.00\d+ m high")]
+)
+def test_a_file_in_another_unit_than_it_names(
+    house: Path, tmp_path: Path, prefix: str, text: str
+) -> None:
+    """As some programs write them: millimetres, which are said to be metres, or the reverse."""
+    model = ifcopenshell.open(str(house))
+    (unit,) = [u for u in model.by_type("IfcSIUnit") if u.UnitType == "LENGTHUNIT"]
+    unit.Prefix = prefix
+    model.write(str(tmp_path / "other.ifc"))
+    with pytest.raises(InputError, match=f"IfcUnitAssignment.*{text}"):
+        load_environment(tmp_path / "other.ifc", level="Ground")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -153,12 +154,29 @@ def test_seconds_are_rounded_to_whole_nanoseconds() -> None:
     assert Message().header(1.9999999999, "").encoded()[4:12] == b"\x02" + bytes(7)
 
 
-def test_two_files_of_one_name_are_refused(write: Write, route: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other" / "route.csv"
-    other.parent.mkdir()
-    other.write_bytes(route.read_bytes())
-    with pytest.raises(InputError, match="another file has the topic /route/route too"):
-        write("mcap", "m.mcap", routes=(route, other))
+def test_files_of_one_name_are_told_apart_by_their_folders(
+    write: Write, route: Path, drive: Path, tmp_path: Path
+) -> None:
+    """As run 1 of two routes of a comparison."""
+    routes, drives = [], []
+    for folder in ("one", "two", "more/two"):
+        routes.append(tmp_path / folder / "route.csv")
+        drives.append(tmp_path / folder / "run-001" / "drive.csv")
+        drives[-1].parent.mkdir(parents=True)
+        routes[-1].write_bytes(route.read_bytes())
+        shutil.copytree(drive.parent, drives[-1].parent, dirs_exist_ok=True)
+    found = messages(write("mcap", "m.mcap", routes=routes[:2], drives=drives[:2])[0])
+    names = {"/route/one/route", "/route/two/route"}
+    names |= {f"/drive/{name}/run_001/truth" for name in ("one", "two")}
+    assert names < found.keys()
+    with pytest.raises(InputError, match="another file has the topic /route/two/route too"):
+        write("mcap", "more.mcap", routes=routes)
+
+
+def test_a_route_that_outlasts_the_stamps(write: Write, route: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.tum").write_text(f"{2**31 - 1} 2 1.5 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"\.csv: begun .* ends after 2147483647 s, the last that"):
+        write("mcap", "m.mcap", routes=(route,), drives=(tmp_path / "t.tum",))
 
 
 def test_alignment_of_fields() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import ambinav as an
 from ambinav.geometry.motion.steering import DUBINS, FACING, REEDS_SHEPP, STRAIGHT, Steering
+from ambinav.runtime.errors import InputError
 
 SPACES = [
     Steering(), Steering("se2"), Steering("dubins", 0.7), Steering("reeds-shepp", 0.7)
@@ -27,6 +28,16 @@ steerings = pytest.mark.parametrize("steering", SPACES, ids=lambda steering: ste
 def test_kinds() -> None:
     assert [steering.kind for steering in SPACES] == [FACING, STRAIGHT, DUBINS, REEDS_SHEPP]
     assert [steering.turns for steering in SPACES] == [False, False, True, True]
+
+
+def test_a_step_that_is_much_too_small_is_refused() -> None:
+    """Its points would fill any memory, or their number an integer."""
+    route = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]
+    for space in ("r2", "dubins"):
+        steering = Steering(space, 0.5 if space == "dubins" else 0.0)
+        for step in (1e-9, 1e-30, 1e-300):
+            with pytest.raises(InputError, match=r"on a route of 10 m; give at least 2e-07 m"):
+                steering.dense(route, step)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.dxf.layers import roles_of
-from ambinav.buildings.dxf.lines import Drawn, Written, drawn_in, opened, swing
+from ambinav.buildings.dxf.lines import ABSENT, Drawn, Written, drawn_in, opened, swing
 from ambinav.buildings.outline import outline_of
 from ambinav.buildings.plan_units import LARGEST, UNITS, metres_in
 from ambinav.buildings.section_floor import (
@@ -103,8 +103,17 @@ def load_dxf(
     if not drawn:
         blocks = sum(not block.name.startswith("*") for block in document.blocks)
         what = f"its {blocks} blocks are inserted nowhere with" if blocks else "it holds"
-        raise InputError(
-            f"{path}: {what} no lines in the model space; draw the plan there, or insert the block."
+        remedy = "draw the plan there, or insert the block"
+        if skipped:
+            what, remedy = f"beside {_counted(skipped)} it holds", "draw the plan there, or show it"
+        raise InputError(f"{path}: {what} no lines in the model space; {remedy}.")
+    absent = {kind: count for kind, count in skipped.items() if kind.startswith(ABSENT)}
+    if absent:
+        warnings.warn(
+            f"{path}: what {_counted(absent)} would show is missing; bind external references "
+            "into the drawing",
+            InputWarning,
+            stacklevel=4,
         )
     roles, left_out = roles_of(f"{path}", (element.layer for element in drawn), layers)
     by_role: dict[str, list[Drawn]] = {}
@@ -300,9 +309,12 @@ def _notes(
     if left_out:
         notes.append(f"{path}: the layers {', '.join(left_out)} are left out.")
     if skipped:
-        counted = ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))
-        notes.append(f"{path}: left out without lines: {counted}.")
+        notes.append(f"{path}: left out without lines: {_counted(skipped)}.")
     if mouths:
         widths = ", ".join(f"{width:.3g}" for width in sorted(line.length for line in mouths))
         notes.append(f"{path}: openings to outdoors wider than a door, in metres: {widths}.")
     return notes
+
+
+def _counted(kinds: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))

@@ -21,6 +21,10 @@ DEEPEST: Final = 32
 """Blocks within blocks; deeper ones contain themselves."""
 MOST: Final = 1_000_000
 """Entities; a block of blocks can stand for any number."""
+ABSENT: Final = "absent block"
+"""Begins what is counted for a block of another file, or one that is not there."""
+FARTHEST: Final = 1e12
+"""No corner is so far from the origin, in any unit."""
 _DRAWN: Final = (
     "LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "SOLID", "TRACE",
     "3DFACE", "MLINE",
@@ -109,8 +113,16 @@ def drawn_in(
             skipped[f"{kind} on hidden layers"] += 1
         elif kind in _DRAWN:
             outlines = [*_outlines(entity, tolerance)]
+            if not all((np.abs(corners) < FARTHEST).all() for corners in outlines):
+                raise InputError(
+                    f"{where}: a {kind} on the layer {layer} has corners that are nowhere (nan, or "
+                    f"beyond {FARTHEST:g}); correct the drawing."
+                )
+            outlines = [line for line in outlines if len(line) > 1 and np.ptp(line, axis=0).any()]
             if outlines:
                 yield Drawn(layer, kind, outlines, _arc(entity) if kind == "ARC" else None)
+            else:
+                skipped[f"{kind} of no length"] += 1
         else:
             skipped[kind] += 1
             if kind in _WRITTEN and texts is not None:
@@ -138,6 +150,11 @@ def _expanded(
         if entity.dxftype() == "INSERT":
             if own.casefold() in frozen or entity.dxf.get("invisible", 0):
                 skipped["INSERT on hidden layers"] += 1
+                continue
+            block = entity.block()
+            if block is None or block.block.is_xref or block.block.is_xref_overlay:
+                named = "" if block is None else f" ({block.block.dxf.get('xref_path', '')})"
+                skipped[f"{ABSENT} {entity.dxf.name}{named}"] += 1
                 continue
             # The tags of rooms are such.
             yield from ((own, attribute) for attribute in entity.attribs)
@@ -170,9 +187,7 @@ def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
             points = list((curve or paths.make_path(part)).flattening(tolerance))
         except (TypeError, ValueError, ZeroDivisionError):
             continue
-        corners = np.array([(p.x, p.y) for p in points], dtype=np.float64)
-        if len(corners) > 1 and np.isfinite(corners).all() and np.ptp(corners, axis=0).any():
-            yield corners
+        yield np.array([(p.x, p.y) for p in points], dtype=np.float64).reshape(-1, 2)
 
 
 def _arc(arc: Any) -> NDArray[np.float64]:

@@ -110,10 +110,12 @@ def _parts(polyline: Any, tolerance: float) -> Iterator[_Part]:
             if not vertex.dxf.get("flags", 0) & _FRAME
         ]  # fmt: skip
     for (start, width, end_width, bulge), (end, *_) in pairwise(vertices + vertices[: int(closed)]):
-        finite = math.isfinite(start.magnitude + end.magnitude + width + end_width + bulge)
-        if not finite or start == end:
+        if start == end:
             continue
         points = [start, end]
+        if not math.isfinite(start.magnitude + end.magnitude + width + end_width + bulge):
+            yield _Part(np.full((2, 2), np.nan), np.zeros(2))
+            continue
         if bulge:
             centre, a0, a1, radius = bulge_to_arc(start, end, bulge)
             arc = ConstructionArc(centre, radius, math.degrees(a0), math.degrees(a1))

@@ -27,6 +27,7 @@ from ambinav.buildings.ifc.parts import (
 )
 from ambinav.buildings.ifc.storeys import WHOLE, Storey, base_of, chosen_storey, storeys_of
 from ambinav.buildings.plan_levels import chosen_level
+from ambinav.buildings.plan_units import LARGEST
 from ambinav.buildings.section_floor import (
     DOORS,
     GLASS,
@@ -53,6 +54,8 @@ _HOLE: Final = 0.6
 _VOID: Final = 5.0
 # Metres; the grid of slabs seen from above, whose edges bound nothing that a ray meets.
 _ROUGH: Final = 1e-4
+# Metres. No building's walls are all so low.
+_LOWEST: Final = 0.1
 # First bytes of an IFC file.
 _BEGINNING: Final = 256
 # Metres above the floor. Where a door has no part as low, it is a hatch.
@@ -142,6 +145,7 @@ def read_storey(
     with reading(path):
         elements = elements_of(model, storey, height, furniture)
         parts = parts_at(model, elements, storey.elevation, height)
+    _check_size(path, parts)
     if not (parts.of("wall") or parts.lines.get("wall") or parts.panes.get("window")):
         raise InputError(
             f"{path}: no wall stands {height:g} m above the floor of {storey.name!r} (elevation "
@@ -180,6 +184,8 @@ def read_storey(
 
 def _opened(path: Path) -> Any:
     try:
+        if not path.stat().st_size:
+            raise InputError(f"{path}: the file is empty; export it again.")
         is_whole = ends_with(path, b"END-ISO-10303-21;")
         with path.open("rb") as file:
             is_step = file.read(_BEGINNING).lstrip().startswith(b"ISO-10303-21;")
@@ -216,6 +222,25 @@ def reading(path: Path) -> Iterator[None]:
             f"{path}: this IFC file is damaged ({type(error).__name__}: "
             f"{' '.join(str(error).split())}); export it again."
         ) from error
+
+
+def _check_size(path: Path, parts: Parts) -> None:
+    """Check that the walls make a building: some programs write another unit than they name.
+
+    Raises:
+        InputError: they do not.
+    """
+    walls = [mesh.vertices for mesh in parts.meshes if part_role(mesh.element) == "wall"]
+    if not walls:
+        return
+    width, depth, _ = np.ptp(np.concatenate(walls), axis=0).tolist()
+    height = max(float(np.ptp(vertices[:, 2])) for vertices in walls)
+    if max(width, depth) > LARGEST or height < _LOWEST:
+        raise InputError(
+            f"{path}: in the unit that the file names (IfcUnitAssignment) the walls of the storey "
+            f"stand on {width:.3g} x {depth:.3g} m and are up to {height:.2g} m high, as those of "
+            "no building; export it with the unit of its numbers."
+        )
 
 
 def _base(path: Path, model: Any) -> float:

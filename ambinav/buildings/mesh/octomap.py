@@ -24,6 +24,8 @@ _NODE_BYTES: Final = {"OcTree": 4 + 1, "ColorOcTree": 4 + 3 + 1}
 _DEPTH: Final = 16
 # What two bits say of a child (Hornung et al. 2013, OctoMap 1.9: `readBinaryNode`).
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
+# Occupied ones: five times those of a building of 100 x 100 m with walls every few metres, at 5 cm.
+_MOST_VOXELS: Final = 50_000_000
 
 
 class Leaves(NamedTuple):
@@ -63,18 +65,24 @@ def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 
     scale = metres_in(unit, str(path))
     leaves, edge = read_leaves(path)
     edge *= scale
-    voxels = _expanded(leaves.key[leaves.occupied], leaves.size[leaves.occupied])
-    if not len(voxels):
+    key, size = leaves.key[leaves.occupied], leaves.size[leaves.occupied]
+    if not len(key):
         raise InputError(f"{path}: nothing in it is occupied; give a map of a building.")
+    if (size**3).sum() > _MOST_VOXELS:
+        raise InputError(
+            f"{path}: a block of {size.max()} voxels of {edge:g} m in each direction is occupied, "
+            "which no building has; it is damaged, or solid inside: make it of surfaces."
+        )
+    voxels = _expanded(key, size)
     middle = 1 << (_DEPTH - 1)
     mesh = voxel_mesh(
         voxels - middle, edge, name=path.stem, source=path, processes=processes, scanned=True
     )
     if unit is None:
         # That of a shelf alone is one too.
-        size = np.ptp(mesh.bounds, axis=0)
-        if max(size[:2]) >= SMALLEST:
-            check_size(path, "OctoMap", size)
+        extent = np.ptp(mesh.bounds, axis=0)
+        if max(extent[:2]) >= SMALLEST:
+            check_size(path, "OctoMap", extent)
         mesh.notes = (*mesh.notes, *check_storey(path, mesh))
     return mesh
 

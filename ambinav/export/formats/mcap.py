@@ -141,10 +141,18 @@ def _drive(drive: RecordedDrive | Trajectory, topic: str, send: Send) -> None:
 def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
     """Return a topic for each file, by its name with characters that ROS allows.
 
+    Files of one name are told apart by their folders: run 1 of two routes of a comparison.
+
     Raises:
         InputError: two files would have one.
     """
-    names = [f"{head}/{_ros_name(path)}" for path in paths]
+    own = [_ros_name(path) for path in paths]
+    names = [
+        f"{head}/{_ros_word(_folder(path).name)}/{name}"
+        if own.count(name) > 1
+        else f"{head}/{name}"
+        for path, name in zip(paths, own, strict=True)
+    ]
     for k, name in enumerate(names):
         if name in names[:k]:
             raise InputError(f"{paths[k]}: another file has the topic {name} too; rename one.")
@@ -153,7 +161,15 @@ def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
 
 def _ros_name(path: Path) -> str:
     # Drives of a comparison are called drive.csv, each in a folder of its own.
-    name = path.absolute().parent.name if path.name == "drive.csv" else path.stem
+    return _ros_word(path.absolute().parent.name if path.name == "drive.csv" else path.stem)
+
+
+def _folder(path: Path) -> Path:
+    """Return the folder that tells a file from others of its name."""
+    return path.absolute().parents[1 if path.name == "drive.csv" else 0]
+
+
+def _ros_word(name: str) -> str:
     name = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
     return f"_{name}" if not name or name[0].isdigit() else name
 
@@ -181,6 +197,12 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         if isinstance(drive, RecordedDrive)
     ]
     start = min((float(_times(drive).min()) for _, drive in drives), default=0.0)
+    for (_, _, stamps), file in zip(routes, options.routes, strict=True):
+        if start + stamps[-1] > LATEST:
+            raise InputError(
+                f"{file}: begun with the drives at {start:g} s it ends after {LATEST} s, the last "
+                "that stamps of ROS 2 can say; shift the drives."
+            )
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="ambinav")

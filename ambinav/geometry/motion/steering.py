@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,10 @@ from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 
+MOST_POINTS: Final = 50_000_000
+"""Points that a route is sampled at, at the most."""
+TOO_MANY: Final = 1e12
+"""Counted as so many, more do not overflow."""
 KINDS = {"r2": FACING, "se2": STRAIGHT, "dubins": DUBINS, "reeds-shepp": REEDS_SHEPP}
 """Names of the spaces, and the codes that kernels take for their kinds of motion."""
 
@@ -108,7 +113,8 @@ class Steering:
             returned as it is, on motion 0.
 
         Raises:
-            InputError: the step is not a positive number, or the poses are not usable.
+            InputError: the step is not a positive number, or much too small for the route, or the
+                poses are not usable.
         """
         route = checked_poses(poses, "poses")
         if not (math.isfinite(step) and step > 0.0):
@@ -117,6 +123,12 @@ class Steering:
             return route, np.zeros(len(route), dtype=np.int32), np.zeros(len(route))
         motions = self.kind, self.kernel_radius, route, float(step)
         count = _trace_all(*motions, *_nothing())
+        if count > MOST_POINTS:
+            length = float(self.lengths(route[:-1], route[1:]).sum())
+            raise InputError(
+                f"step is {step:g} m on a route of {length:.3g} m; give at least "
+                f"{length / MOST_POINTS:.2g} m, or correct the route or its turning radius."
+            )
         out, leg, along = np.empty((count, 3)), np.empty(count, dtype=np.int32), np.empty(count)
         _trace_all(*motions, out, leg, along)
         return out, leg, along
@@ -208,7 +220,7 @@ def _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count):
     elif x1 != x0 or y1 != y0:
         t0 = math.atan2(y1 - y0, x1 - x0)
     length = math.hypot(x1 - x0, y1 - y0)
-    parts = max(int(math.ceil(length / step)), 1)
+    parts = max(int(math.ceil(min(length / step, TOO_MANY))), 1)
     if along.size:
         for j in range(parts + 1):
             share, last = j / parts, j == parts
@@ -227,7 +239,7 @@ def _trace_pieces(pieces, x, y, t, step, gone, out, along, count):
         out[count, 0], out[count, 1], out[count, 2], along[count] = x, y, t, gone
     for k in range(5):
         length, curvature = pieces[k], pieces[k + 5]
-        parts = int(math.ceil(abs(length) / step))
+        parts = int(math.ceil(min(abs(length) / step, TOO_MANY)))
         if along.size:
             for j in range(parts):
                 share = (j + 1) / parts

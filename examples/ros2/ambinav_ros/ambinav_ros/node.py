@@ -81,9 +81,7 @@ class AmbinavNode(LifecycleNode):
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Publish the grids, and measure from now on."""
         result = super().on_activate(state)
-        self.grid.publish(
-            self._grid_message(conversions.occupancy_grid(self.amap, self._value("layer")))
-        )
+        self.grid.publish(self._grid_message(self.levels))
         if self.filter is not None:
             grid, numbers = self.filter
             self.mask.publish(self._grid_message(grid))
@@ -116,6 +114,11 @@ class AmbinavNode(LifecycleNode):
         if not path:
             raise InputError("map: no ambiguity map is named; give map:=/maps/office.zarr.")
         self.amap = AmbiguityMap.open(path)
+        for name in ("period", "stale_after", "prior", "pose"):
+            value = np.array(self._value(name), dtype=np.float64)
+            if not (np.isfinite(value) & (value > 0.0)).all():
+                raise InputError(f"{name} is {self._value(name)}; give what is above 0.")
+        self.levels = conversions.occupancy_grid(self.amap, self._value("layer"))
         self.service = AmbiguityService(self.amap, weight=self._value("weight"))
         text = self.amap.dataset.attrs["scanner_yaml"]
         self.scanner = RangeScanner.from_yaml_text(text).thinned(self._value("max_beams"))
