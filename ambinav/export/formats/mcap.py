@@ -197,10 +197,10 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         if isinstance(drive, RecordedDrive)
     ]
     start = min((float(_times(drive).min()) for _, drive in drives), default=0.0)
-    for (_, _, stamps), file in zip(routes, options.routes, strict=True):
+    for (_, _, stamps), route in zip(routes, options.routes, strict=True):
         if start + stamps[-1] > LATEST:
             raise InputError(
-                f"{file}: begun with the drives at {start:g} s it ends after {LATEST} s, the last "
+                f"{route}: begun with the drives at {start:g} s it ends after {LATEST} s, the last "
                 "that stamps of ROS 2 can say; shift the drives."
             )
     with path.open("wb") as file:
