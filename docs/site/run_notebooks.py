@@ -1,7 +1,8 @@
 """Run the notebooks of examples/ from their first cell, and store what they show.
 
 `make notebooks` runs all of them in place. The site shows the stored outputs, so that building it
-runs none of them; `tests/test_notebooks.py` runs each, and sees that it prints the same words; numbers may differ.
+runs none of them; `tests/test_notebooks.py` runs each, and sees that it prints the same words;
+numbers may differ.
 """
 
 from __future__ import annotations
