@@ -72,6 +72,7 @@ AUDIT = (
 MAP = ("map", "plan.geojson", "-s", "scanner.yaml", "-o", "plan.zarr", "--spacing", "0.2")
 
 
+@pytest.mark.slow
 def test_audit_writes_a_report(runner, folder):
     result = runner.invoke(app, AUDIT)
     assert result.exit_code == 0, result.output
@@ -127,6 +128,7 @@ def test_what_no_robot_can_do_is_refused(runner, folder, options, message):
     assert not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_map_says_what_its_shares_are_of(runner, folder):
     arguments = ["map", "plan.geojson", "-s", "scanner.yaml", "--spacing", "0.2", "-o", "m.zarr"]
     data = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)
@@ -164,6 +166,7 @@ def test_audit_as_json_prints_nothing_else(runner, folder):
     assert json.loads(result.stdout) == json.loads((folder / "out" / "report.json").read_text())
 
 
+@pytest.mark.slow
 def test_map_can_be_opened(runner, folder):
     result = runner.invoke(app, [*MAP, "--json"])
     assert result.exit_code == 0, result.output
@@ -177,6 +180,7 @@ def test_map_can_be_opened(runner, folder):
     assert "plan.zarr" in again.stdout
 
 
+@pytest.mark.slow
 def test_a_map_for_a_body_leaves_out_where_it_does_not_fit(runner, folder):
     cells = []
     for radius in ("0", "0.3"):
@@ -312,6 +316,7 @@ def test_repairs_are_reported_as_notes(runner, folder):
     json.loads(result.stdout)
 
 
+@pytest.mark.slow
 def test_presets(runner):
     listed = runner.invoke(app, ["presets", "--json"])
     rows = json.loads(listed.stdout)
@@ -398,6 +403,7 @@ def test_a_killed_run_leaves_the_older_map(folder, name):
         assert files(folder) == {"plan.geojson", "scanner.yaml", "plan.zarr"}
 
 
+@pytest.mark.slow
 def test_help_computes_nothing():
     heavy = ("numpy", "numba", "xarray", "matplotlib", "shapely", "scipy", "torch", "ompl")
     code = f"import ambinav.cli, sys; print([m for m in {heavy} if m in sys.modules])"
@@ -424,6 +430,7 @@ def test_a_giant_map_says_what_it_costs_before_it_starts(runner, folder, monkeyp
     assert "note" not in coarse.stderr
 
 
+@pytest.mark.slow
 def test_floors_and_units(runner, folder):
     """A house of two floors in millimetres."""
     ring = [[0, 0], [3000, 0], [3000, 2000], [0, 2000], [0, 0]]

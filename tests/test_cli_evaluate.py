@@ -183,6 +183,7 @@ def test_a_missing_package_is_named_the_same_everywhere(
     assert done.stderr == wanted and not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_module_of_the_working_folder(
     runner: CliRunner, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,6 +195,7 @@ def test_a_module_of_the_working_folder(
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["[[0.0, 0.0], [0.0]]", "np.full((len(starts), 2), np.nan)"])
 def test_odd_actions_name_the_policy(given: str, runner: CliRunner, folder: Path) -> None:
     (folder / "odd.py").write_text(

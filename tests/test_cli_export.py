@@ -47,6 +47,7 @@ def test_files_and_json(runner: CliRunner, plan_folder: Path) -> None:
     assert files(plan_folder / "new") == {f"mask{end}" for end in ends}
 
 
+@pytest.mark.slow
 def test_a_route_becomes_a_path(runner: CliRunner, plan_folder: Path) -> None:
     assert runner.invoke(app, ["plan", "map.zarr", *ENDS, "-o", "route.csv"]).exit_code == 0
     path = ("export", "map.zarr", "--to", "nav2-path-yaml", "--route", "route.csv", "-o")

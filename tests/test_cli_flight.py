@@ -78,6 +78,7 @@ def test_a_route_from_the_file_alone(runner: CliRunner, folder: Path) -> None:
     assert (folder / "r.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_path_message_and_a_table(runner: CliRunner, folder: Path) -> None:
     done = runner.invoke(app, [*PLAN, "--time", "0.5", "-w", "0", "-o", "r.json"])
     assert done.exit_code == 0, done.output

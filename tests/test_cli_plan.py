@@ -58,6 +58,7 @@ def test_a_route_is_written_and_loads_again(
     assert again.exit_code == 0, again.output
 
 
+@pytest.mark.slow
 def test_the_stretch_that_a_limit_counts_is_printed(runner: CliRunner, plan_folder: Path) -> None:
     """Against the map's level each 5 mm along the route."""
     words = [*PLAN, "--max-bad-metres", "50", "--bad-level", "0.3", "-w", "0", "-o", "route.csv"]
@@ -90,6 +91,7 @@ def test_a_file_that_is_no_route_is_not_replaced(
     assert (plan_folder / name).read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_a_picture_and_the_shortest_route(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(app, [*PLAN, "-o", "r.csv", "--picture", "new/r.png", "--shortest"])
     assert result.exit_code == 0, result.output
@@ -109,6 +111,7 @@ def test_kinds_of_pictures(runner: CliRunner, plan_folder: Path, name: str) -> N
     assert (plan_folder / name).read_bytes().startswith(start)
 
 
+@pytest.mark.slow
 def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(
         app, [*PLAN, "-o", "r.csv", "--picture", "r.svg", "--shortest", "--json", "-w", "2"]
@@ -134,6 +137,7 @@ def test_the_help_shows_the_default_limits() -> None:
     assert f"[default: {BrakingRule.creep}]" in text
 
 
+@pytest.mark.slow
 def test_stamps_keep_to_the_speed_options(runner: CliRunner, plan_folder: Path) -> None:
     durations = []
     for words in ((), ("--max-speed", "0.2", "--stop-sigmas", "3")):
@@ -154,6 +158,7 @@ def test_stamps_keep_to_the_speed_options(runner: CliRunner, plan_folder: Path) 
     assert " m leave no room to stop at 3 standard deviations, driven at 0.3 m/s" in result.stdout
 
 
+@pytest.mark.slow
 def test_a_certificate_is_printed_and_in_the_json(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(app, [*PLAN, "-o", "r.csv", "--certify"])
     assert result.exit_code == 0, result.output
@@ -189,6 +194,7 @@ def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     assert files(plan_folder) == {"map.zarr", "notes.txt", "front"}
 
 
+@pytest.mark.slow
 def test_the_shortest_route_is_that_whatever_else_costs(
     runner: CliRunner, plan_folder: Path
 ) -> None:
@@ -203,6 +209,7 @@ def test_the_shortest_route_is_that_whatever_else_costs(
     assert lengths == pytest.approx([lengths[0]] * 3)
 
 
+@pytest.mark.slow
 def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(
         app,
@@ -290,6 +297,7 @@ def test_interrupted_leaves_nothing(
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
 
 
+@pytest.mark.slow
 def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> None:
     words = ["--via", "10,2 2,1", "--any-order", "--or-goal", "2,2", "--picture", "m.png"]
     result = runner.invoke(app, [*PLAN, *words, "-o", "m.csv", "--json"])
@@ -332,6 +340,7 @@ def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], messa
     assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
     # Floor beside it is left between y = 1.6 and the wall at 2.5.
     zone = shapely.box(4.0, 0.0, 5.0, 1.6)
@@ -358,6 +367,7 @@ def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
     assert "it is a LineString; give polygons" in " ".join(result.stderr.split())
 
 
+@pytest.mark.slow
 def test_least_time(runner: CliRunner, plan_folder: Path) -> None:
     options = ["--minimise", "time", "--max-speed", "0.8", "--shortest", "--odometry", "poor"]
     result = runner.invoke(app, [*PLAN, "-o", "r.csv", *options, "--json"])

@@ -99,6 +99,7 @@ def test_a_package_that_is_missing_is_named_with_what_brings_it(
     assert 'ifcopenshell; run: pip install "ambinav[plans]"' in " ".join(done.stderr.split())
 
 
+@pytest.mark.slow
 def test_keys_of_a_scenario(house: Path, tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     plain = {

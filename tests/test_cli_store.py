@@ -59,6 +59,7 @@ def test_map_and_audit_share_what_they_compute(folder, computes) -> None:
     assert plain.assign_attrs(created="").identical(first.assign_attrs(created=""))
 
 
+@pytest.mark.slow
 def test_it_can_be_switched_off(folder, computes, monkeypatch) -> None:
     monkeypatch.setenv("AMBINAV_CACHE", "")
     for _ in range(2):
@@ -81,6 +82,7 @@ def test_compare_opens_too(folder, computes) -> None:
     assert len(tables) == 1
 
 
+@pytest.mark.slow
 def test_list_and_show(folder) -> None:
     assert store_json("list")["maps"] == []
     assert "0 in " in run("store", "list").stdout
@@ -105,6 +107,7 @@ def test_list_and_show(folder) -> None:
         assert words in stderr and stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_verify_sets_aside(folder) -> None:
     run(*MAP)
     (one,) = store_json("list")["maps"]

@@ -22,6 +22,7 @@ def runner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
     return CliRunner()
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_the_map_takes_and_writes_nothing(
     runner: CliRunner, tmp_path: Path
 ) -> None:

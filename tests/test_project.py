@@ -119,6 +119,7 @@ def test_constraints_pin_every_dependency_within_its_bounds():
         assert needed.specifier.contains(pinned[canonicalize_name(needed.name)]), needed
 
 
+@pytest.mark.slow
 def test_constraints_pin_what_the_dependencies_need():
     pinned = pins()
     waiting, seen, missing = [needed.name for needed in declared()], set(), set()

@@ -50,6 +50,7 @@ def test_sensors_that_differ_and_do_not_look_all_around(
     assert NavigationParameters(scanner=scanner, layer="major").cost_layer == "major"
 
 
+@pytest.mark.slow
 def test_a_map_has_it_says_so_and_keeps_it(amap: an.AmbiguityMap, tmp_path: Path) -> None:
     amap.save(tmp_path / "map.zarr")
     for one in (amap, an.AmbiguityMap.open(tmp_path / "map.zarr")):
@@ -59,6 +60,7 @@ def test_a_map_has_it_says_so_and_keeps_it(amap: an.AmbiguityMap, tmp_path: Path
     assert an.AmbiguityMap(synthetic.dataset()).cost_layer == "level"
 
 
+@pytest.mark.slow
 def test_services_and_planners_read_it(amap: an.AmbiguityMap) -> None:
     service = an.AmbiguityService(amap)
     assert service.layer == RoutePlanner(amap).service.layer == "position"

@@ -210,6 +210,7 @@ def test_no_room_anywhere_is_said() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_body_keeps_off_cells_that_rays_pass() -> None:
     # A single occupied cell in a room of cells of 5 cm: rays pass it, a body does not.
     state = np.full((60, 60), OCCUPIED, dtype=np.uint8)

@@ -75,6 +75,7 @@ def test_every_layer_has_values_where_it_is_possible(
         np.testing.assert_array_equal(np.isfinite(amap.dataset[name].values), free, err_msg=name)
 
 
+@pytest.mark.slow
 def test_aggregates_are_of_the_possible_headings(amap: AmbiguityMap, possible: np.ndarray) -> None:
     level, free = amap.dataset["level"].values, amap.dataset["free"].values
     for row, column in np.argwhere(free):
@@ -136,6 +137,7 @@ def test_aliases_are_possible_poses(amap: AmbiguityMap) -> None:
             assert context.possible[near, there] or context.possible[around, there].any()
 
 
+@pytest.mark.slow
 def test_layers_do_not_read_what_is_impossible(
     amap: AmbiguityMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,8 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes
 
+pytestmark = pytest.mark.slow  # they share maps that take seconds
+
 # Medians and 95th percentiles a little above those of benchmarks/results/invariance.md.
 TURNED, HALVED, DOUBLED = (0.0025, 0.04), (0.0025, 0.025), (0.005, 0.07)
 RASTERISED, BY_DEFAULT = 0.001, 0.012
@@ -83,7 +85,6 @@ def test_direction_turns_with_the_building(
     assert np.percentile(off, 95) < 2.0
 
 
-@pytest.mark.slow
 def test_half_the_spacing(demo: Environment, laser: RangeScanner, points: Points) -> None:
     # A quarter of the building; walls stand along the cut.
     xmin, ymin, xmax, ymax = demo.bounds
@@ -140,7 +141,6 @@ def rasterise(env: Environment, folder: Path) -> Path:
     return folder / "demo.yaml"
 
 
-@pytest.mark.slow
 def test_through_a_rasterised_map(
     demo: Environment,
     coarse_map: AmbiguityMap,

@@ -110,6 +110,7 @@ def test_beside_one_wall_it_is_a_corridor(hall: AmbiguityMap, away: float) -> No
         assert apart(hall.sample("direction", x, y), math.radians(angle)) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [6, 17, 33, 71])
 def test_beside_a_tilted_wall_too(laser: RangeScanner, degrees: float) -> None:
     # Where beams flip between echo and no echo within a cell.
@@ -236,6 +237,7 @@ def test_from_the_open_to_the_wall_and_into_the_corner_the_level_falls(hall: Amb
     assert np.diff(level).max() < 0.05
 
 
+@pytest.mark.slow
 def test_environment_without_anything_in_range_of_cells_of_any_size(laser: RangeScanner) -> None:
     free = shapely.box(0.0, 0.0, 30.0, 30.0)
     empty = Environment(scenes.environment(free).segments, free)

@@ -64,6 +64,7 @@ def test_without_information_the_neighbourhood_is_left(views: float) -> None:
     assert (free(amap, position_radius(amap, views)) <= math.hypot(0.25, 0.2) + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_views_add_up_as_independent_scans_do() -> None:
     # With a share of next to nothing the neighbourhood plays no part: information times views.
     amap = made(4, major=1e-4, minor=1e-4, major_radius=0.2, minor_radius=0.1, direction=1.0)
@@ -105,6 +106,7 @@ def test_views_are_checked() -> None:
         position_radius(made(2), 0.0)
 
 
+@pytest.mark.slow
 def test_as_a_layer_it_is_a_share_of_a_featureless_disc(laser: RangeScanner) -> None:
     # A hall so wide that its middle sees nothing: the free disc, but for the lattice's corners.
     amap = build_map(scenes.room(14.0, 14.0), laser, 0.1, layers=["position"])

@@ -75,6 +75,7 @@ def test_a_long_corridor(ring: RangeScanner, degrees: float) -> None:
     assert np.degrees(np.abs(np.arctan(np.tan(off)))).max() < 2.0
 
 
+@pytest.mark.slow
 def test_a_hall_beyond_its_range_and_its_walls(ring: RangeScanner) -> None:
     amap = build_map(scenes.room(30.0, 30.0), ring, spacing=0.25)
     x, y = np.meshgrid(np.linspace(13, 17, 5), np.linspace(13, 17, 5))

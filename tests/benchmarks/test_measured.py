@@ -36,6 +36,7 @@ def report(measured: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr(measured, "RESULTS", tmp_path)
 
 
+@pytest.mark.slow
 def test_the_pages_agree_with_the_reports(measured: ModuleType) -> None:
     assert measured.misses() == []
 
@@ -48,6 +49,7 @@ def test_a_figure_that_the_table_has_not_is_found(measured: ModuleType) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_page_gives_a_figure_for_each_question(measured: ModuleType) -> None:
     sections = measured.ANSWERS.read_text(encoding="utf-8").split("\n## ")[1:]
     questions = dict.fromkeys(figure.question for figure in measured.figures())

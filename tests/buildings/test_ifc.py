@@ -85,6 +85,7 @@ def test_furniture_can_be_left_out(house: Path) -> None:
     assert shapely.intersection(bare.free, TABLE).area == pytest.approx(TABLE.area)
 
 
+@pytest.mark.slow
 def test_glass_stops_rays_or_only_robots(house: Path) -> None:
     solid = load_environment(house, level=0)
     assert (solid.segments.kind == GLASS).sum() == 1
@@ -109,6 +110,7 @@ def test_rays_cross_a_hole_in_the_floor_and_robots_do_not(house: Path) -> None:
     assert differ(env.drivable, env.free - HOLE) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_height_above_the_table_and_one_in_the_lintel(house: Path) -> None:
     assert load_environment(house, level=0, height=1.0).is_free(7.5, 1.3)
     high = load_environment(house, level=0, height=2.1)  # above the doors, which are 2 m high
@@ -117,6 +119,7 @@ def test_a_height_above_the_table_and_one_in_the_lintel(house: Path) -> None:
         load_environment(house, level=1, height=2.7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("units", [plan_models.MILLIMETRES, plan_models.INCHES])
 def test_the_unit_of_the_file_changes_nothing(
     units: dict[str, Any], house: Path, tmp_path: Path
@@ -129,6 +132,7 @@ def test_the_unit_of_the_file_changes_nothing(
     assert len(other.segments) == len(same.segments)
 
 
+@pytest.mark.slow
 def test_a_house_that_is_turned_and_moved(house: Path, tmp_path: Path) -> None:
     path = tmp_path / "house.ifc"
     plan_models.two_storeys(path, angle=0.4, shift=(120.0, -35.0))
@@ -138,6 +142,7 @@ def test_a_house_that_is_turned_and_moved(house: Path, tmp_path: Path) -> None:
     assert np.bincount(turned.segments.kind).tolist() == np.bincount(same.segments.kind).tolist()
 
 
+@pytest.mark.slow
 def test_a_building_without_storeys_is_one_level(tmp_path: Path) -> None:
     house = House()
     house.floor(None, 1.5, spaces=False)

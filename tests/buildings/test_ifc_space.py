@@ -183,6 +183,7 @@ def compared(env: Environment, mesh: Mesh, poses: int, rays: int) -> NDArray[np.
     return np.abs(np.minimum(other[0][known], 99.0).astype(float) - mine[0][known])
 
 
+@pytest.mark.slow
 def test_random_rays_against_the_triangles_of_the_house(house: Path, ground: Environment) -> None:
     pytest.importorskip("embreex")
     differ = compared(ground, as_mesh(house, "Ground"), 300, 100)

@@ -79,6 +79,7 @@ def test_degrees_are_refused_wherever_the_building_stands(
         load(folder, plan(*placed(change)))
 
 
+@pytest.mark.slow
 @given(
     width=st.floats(0.6, 900), height=st.floats(0.6, 900), x=st.floats(-170, 170),
     y=st.floats(-80, 80),

@@ -92,6 +92,7 @@ def test_a_scan_is_its_rays_one_by_one(tilt: tuple[float, float]) -> None:
     assert np.isnan(incidence[~hit]).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     seed=st.integers(0, 1000),

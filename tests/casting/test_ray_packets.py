@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,6 +29,7 @@ def test_tilted_layers_are_few_packets() -> None:
     assert not packets.column.any()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 300), sensors=st.integers(1, 3))
 def test_every_ray_is_in_one_packet_with_its_neighbours(
     seed: int, count: int, sensors: int

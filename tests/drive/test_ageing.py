@@ -21,6 +21,7 @@ def hall(*more: shapely.Polygon) -> Environment:
     return an.environment_from_shapes([floor], [*TABLES, PILLAR, *more])
 
 
+@pytest.mark.slow
 def test_walls_are_off_by_the_deviation_asked_for() -> None:
     mapped, std = hall(), 0.04
     offsets, wide = [], []
@@ -66,6 +67,7 @@ def test_furniture_is_moved_as_it_is_by_the_deviation_asked_for() -> None:
     assert np.mean(shifts, axis=0) == pytest.approx([0.0, 0.0], abs=0.02)
 
 
+@pytest.mark.slow
 def test_furniture_leaves_passages_open_and_what_belongs_to_a_wall_alone() -> None:
     mapped = hall(TOUCHING, shapely.box(1.0, 12.5, 2.0, 13.9))
     for seed in range(25):

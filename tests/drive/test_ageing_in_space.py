@@ -41,6 +41,7 @@ def test_the_aged_extrusion_is_the_extrusion_of_the_aged_plan() -> None:
         assert solid.free.equals(flat.free) and solid.floor == tall.floor
 
 
+@pytest.mark.slow
 def test_furniture_of_an_extruded_plan_moves_as_in_the_plan() -> None:
     plan = hall(shapely.box(14.0, 10.0, 15.0, 11.0))
     tall = plan.in_space(extruded(plan, HEIGHT))
@@ -85,6 +86,7 @@ def office() -> Environment:
     return plan.in_space(Prisms(walls, [(0.0, 3.0)] * 4, solids=solids, ceiling=3.0, free=free))
 
 
+@pytest.mark.slow
 def test_a_table_moves_with_its_legs_and_the_chair_by_itself() -> None:
     env = office()
     before = [solid.outline for solid in prisms(env).solids]

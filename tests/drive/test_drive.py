@@ -56,6 +56,7 @@ def same(a: Drives, b: Drives, runs: int) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("localizer", ["perfect", "odometry", "mcl"])
 def test_the_same_seed_gives_the_same_drive(hall: Environment, localizer: str) -> None:
     how = {"people": People(2), "keep_ranges": True}
@@ -101,6 +102,7 @@ def test_a_kalman_filter_may_guide_the_robot(hall: Environment) -> None:
     assert found.updated.any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_dead_reckoning_is_as_wrong_as_it_says() -> None:
     noise = OdometryNoise(scale=0.03)
     found = drive_route(

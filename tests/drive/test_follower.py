@@ -177,6 +177,7 @@ def test_a_route_that_ends_where_it_begins_is_driven_all_round() -> None:
     assert run.seconds[0] > 24.0 / 0.5 * 0.9
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(
     st.floats(-0.5, 0.5), st.floats(-2.0, 2.0), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0),
@@ -192,6 +193,7 @@ def test_limits_hold_whatever_is_commanded(
     assert abs(w - rate) <= turn_acceleration * dt + 1e-12
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(st.floats(1.0, 13.0), st.floats(1.0, 13.0)), min_size=2, max_size=4))
 def test_limits_hold_on_a_drive(places: list[tuple[float, float]]) -> None:

@@ -66,6 +66,7 @@ def spread_about(poses: np.ndarray, nominal: np.ndarray) -> np.ndarray:
     return np.cov(off.T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DRIVES)
 def test_both_models_spread_the_pose_alike(name: str) -> None:
     """Whichever of report and motion errs, at either time step: to 5 sampling deviations."""

@@ -93,6 +93,7 @@ def test_a_mesh_and_prisms_get_the_same_obstacles() -> None:
     assert np.abs(scans[0][0] - bare).max() > 0.5
 
 
+@pytest.mark.slow
 def test_drives_among_full_obstacles_are_those_of_the_plan() -> None:
     plan = worlds.room()
     boxes = [shapely.box(3.0, 2.5, 3.6, 3.1), shapely.box(8.2, 2.0, 8.8, 2.6)]

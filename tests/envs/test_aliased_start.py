@@ -41,6 +41,7 @@ def test_wings_are_equal_but_for_one_post(name: str, wings: int) -> None:
         assert free.symmetric_difference(turned).area == pytest.approx(2.0 * 0.8**2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_aliases_are_the_pose_turned_about_the_centre() -> None:
     environment = suite("twin-rooms").building(0)
     building = Building.of(environment, default_scanner(), 0.22, keep=False)
@@ -71,6 +72,7 @@ def test_shares_are_probabilities() -> None:
         assert within[:, 0].sum() / within.sum() == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.slow
 def test_particles_start_where_the_robot_may_be() -> None:
     envs = NavigationVectorEnv(24, **arguments(start_prior=[0.7, 0.7]))
     seen, info = envs.reset(seed=2)
@@ -98,6 +100,7 @@ def test_particles_start_where_the_robot_may_be() -> None:
         np.testing.assert_allclose(shown, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_clusters_move_with_odometry_between_updates() -> None:
     env = NavigationEnv(**arguments(mcl={"update_min_d": 10.0, "update_min_a": 3.0}))
     env.reset(seed=4)
@@ -109,6 +112,7 @@ def test_clusters_move_with_odometry_between_updates() -> None:
     np.testing.assert_allclose(env.simulation.clusters[0, :2, 1:3], moved[:, :2], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_clusters_are_seen_as_late_as_the_estimate() -> None:
     now, late = (NavigationEnv(**arguments(pose_latency=latency)) for latency in (0.0, 0.4))
     seen = [now.reset(seed=4)[0]["hypotheses"]]
@@ -122,6 +126,7 @@ def test_clusters_are_seen_as_late_as_the_estimate() -> None:
         np.testing.assert_array_equal(delayed[step], seen[max(step - 2, 0)])
 
 
+@pytest.mark.slow
 def test_one_hypothesis_without_particles() -> None:
     seen, _ = NavigationEnv(**arguments(localizer="perfect")).reset(seed=1)
     np.testing.assert_array_equal(seen["hypotheses"][:4], [1.0, *seen["goal"]])
@@ -132,6 +137,7 @@ def test_one_hypothesis_without_particles() -> None:
     assert tuple(np.round(seen["goal"], 1)) in goals
 
 
+@pytest.mark.slow
 def test_the_robot_that_stands_learns_nothing() -> None:
     env = NavigationEnv(**arguments(start_prior=[0.6, 0.6]))
     seen, _ = env.reset(seed=3)
@@ -140,6 +146,7 @@ def test_the_robot_that_stands_learns_nothing() -> None:
     assert seen["hypotheses"][0] == pytest.approx(0.6, abs=0.1)
 
 
+@pytest.mark.slow
 def test_bad_aliased_starts() -> None:
     for given, text in (
         ({"localizer": "ekf"}, "start_aliases is 2 and localizer 'ekf', which needs a first"),

@@ -15,6 +15,7 @@ from tests.envs.cases import room
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "building", [{"map": load_environment(DEMO)}, {"suite": "office", "buildings": 1}]
 )

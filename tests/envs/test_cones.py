@@ -51,6 +51,7 @@ def test_a_batch_with_sonars_is_the_single_environment_too() -> None:
         equal(many.step(action), single.step(action))
 
 
+@pytest.mark.slow
 def test_fields_are_warned_of() -> None:
     mcl = {"laser_model_type": "likelihood_field"}
     env = NavigationEnv(map=room(), scanner=RING, localizer="mcl", mcl=mcl)

@@ -51,6 +51,7 @@ def weaving(k: int) -> np.ndarray:
     return np.array([1.0, 0.3 * math.sin(0.4 * k)], dtype=np.float32)
 
 
+@pytest.mark.slow
 def test_options_of_zero_are_none() -> None:
     crowded: dict[str, Any] = {"suite": "office", "buildings": 2, "people": 2, "obstacles": 3}
     for source in ({"map": room()}, crowded):
@@ -121,6 +122,7 @@ def test_a_late_pose_is_kept_when_a_batch_is_pickled(localizer: str) -> None:
         equal(envs.step(np.tile(weaving(k), (3, 1))), copied.step(np.tile(weaving(k), (3, 1))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crowded", [False, True])
 def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(crowded: bool) -> None:
     duration = 0.08
@@ -324,6 +326,7 @@ def test_checkers_have_nothing_to_say_at_any_level(name: str, difficulty: int) -
     assert parameters.obstacles == LEVELS[difficulty].get("obstacles", 0)
 
 
+@pytest.mark.slow
 def test_every_id_and_twin_has_levels() -> None:
     assert not set(LEVELS[3]) & set(SEEING)
     for name, own in IDS.items():

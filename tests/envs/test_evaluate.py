@@ -16,6 +16,7 @@ from tests.envs.test_evaluation import Seeker, driven
 ARGUMENTS = {"longest": 8.0, "max_steps": 60}
 
 
+@pytest.mark.slow
 def test_episodes_are_those_of_the_environment() -> None:
     """Of unseen buildings: an episode of the same seed has the same return."""
     done = ambinav_envs.evaluate(Seeker(), "ambinav/Hall-v1", 3, seed=4, **ARGUMENTS)

@@ -92,6 +92,7 @@ def test_chunks_change_nothing() -> None:
     assert len(twice) == 14 and twice.ended(ARRIVED)[:7].tolist() == whole.ended(ARRIVED).tolist()
 
 
+@pytest.mark.slow
 def test_buildings_may_be_given() -> None:
     arguments = {"suite": "procedural", "buildings": 3, "first_building": 70, **OPTIONS}
     source, parameters = source_of(arguments)

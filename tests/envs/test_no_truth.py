@@ -172,6 +172,7 @@ def test_velocity_is_odometry_and_nothing_more(name: str) -> None:
     assert np.abs(np.exp(1j * (heading - reported[..., 2])) - 1.0)[drive.driving].max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_odometry_tells_nothing_of_the_motion_error(name: str) -> None:
     drive, p = driven(name)
@@ -182,6 +183,7 @@ def test_odometry_tells_nothing_of_the_motion_error(name: str) -> None:
             assert (share < MOST_EXPLAINED).all(), (part, squares, share)
 
 
+@pytest.mark.slow
 def test_the_regression_finds_a_leak() -> None:
     """The true ground speed, which the observation had before version 1."""
     drive, p = driven("ambinav/Office-v1")
@@ -203,6 +205,7 @@ def test_the_replay_finds_a_leak() -> None:
         record(simulation, 2, seed=0, replay=True)
 
 
+@pytest.mark.slow
 def test_the_wheels_do_not_tell_of_a_kidnapping() -> None:
     """They turn on as commanded, as those of a robot that is not carried off."""
     drive, other = driven("ambinav/Kidnapped-v1")[0], driven("ambinav/Procedural-v1")[0]

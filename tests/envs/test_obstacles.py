@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 import shapely
 
 from ambinav.drive.clutter import with_obstacles
@@ -26,6 +27,7 @@ def polygon(box: np.ndarray) -> shapely.Polygon:
     return shapely.Polygon([middle + a + b, middle - a + b, middle - a - b, middle + a - b])
 
 
+@pytest.mark.slow
 def test_boxes_stand_free_and_can_be_passed() -> None:
     envs = NavigationVectorEnv(50, map=room(), obstacles=6, window=False)
     envs.reset(seed=0)
@@ -70,6 +72,7 @@ def test_rays_meet_boxes_and_people_as_they_meet_walls() -> None:
     assert shaded > 50
 
 
+@pytest.mark.slow
 def test_robots_stop_at_boxes_as_they_stop_at_walls() -> None:
     count = 80
     envs = NavigationVectorEnv(

@@ -151,6 +151,7 @@ def test_a_scan_is_taken_in_only_after_motion() -> None:
     assert wanted[0] == 1 and wanted[1:].min() > 5
 
 
+@pytest.mark.slow
 def test_pickled_in_the_middle_and_without_the_map() -> None:
     envs = NavigationVectorEnv(4, **SUITE)
     envs.reset(seed=2)
@@ -166,6 +167,7 @@ def test_pickled_in_the_middle_and_without_the_map() -> None:
         equal(envs.step(action), other.step(action))
 
 
+@pytest.mark.slow
 def test_a_mask_leaves_the_filters_of_the_others_alone() -> None:
     envs = NavigationVectorEnv(4, **SUITE, autoreset_mode="Disabled")
     envs.reset(seed=0)
@@ -193,6 +195,7 @@ def test_filters_that_do_not_fit_are_refused() -> None:
         NavigationEnv(map=room(), localizer="mcl", mcl={"max_particles": 10**9})
 
 
+@pytest.mark.slow
 def test_all_buildings_are_of_one_type() -> None:
     envs = NavigationVectorEnv(8, **SUITE | {"suite": "office"})
     envs.reset(seed=0)

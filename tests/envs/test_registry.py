@@ -101,6 +101,7 @@ def test_registering_again_changes_nothing() -> None:
     assert all(gym.registry[name] is spec for name, spec in before.items())
 
 
+@pytest.mark.slow
 def test_registering_is_cheap_and_an_id_can_name_the_module() -> None:
     code = (
         "import sys, ambinav_envs, gymnasium as gym\n"
@@ -148,6 +149,7 @@ def test_spec_to_json_and_back(name: str) -> None:
     equal(gym.make(spec).reset(seed=0), env.reset(seed=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_made_as_a_vector(name: str) -> None:
     many = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", **FEW)
@@ -169,6 +171,7 @@ def test_discrete_actions_are_an_argument() -> None:
     assert env.action_space == gym.spaces.Discrete(9)
 
 
+@pytest.mark.slow
 def test_a_map_is_an_argument() -> None:
     demo = Path(__file__).parents[2] / "configs" / "demo.geojson"
     env = gym.make("ambinav/Navigation-v1", map=str(demo), max_steps=3)

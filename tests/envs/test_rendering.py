@@ -72,6 +72,7 @@ def test_things_are_where_they_are() -> None:
     assert at(env, picture, (7.5, 11.0)) == ZONE_COLOURS[zone]
 
 
+@pytest.mark.slow
 def test_a_room_in_a_hole_of_another_is_shown() -> None:
     ring = shapely.box(0, 0, 12, 12).difference(shapely.box(4, 4, 8, 8))
     both = an.environment_from_shapes([ring, shapely.box(5, 5, 7, 7)])
@@ -99,6 +100,7 @@ def test_pictures_change_no_episode() -> None:
     assert np.array_equal(drawn(seen), frames[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("localizer", ["perfect", "odometry", "ekf"])
 def test_views_and_localizers(localizer: str) -> None:
     for view in ("whole", "follow"):
@@ -140,6 +142,7 @@ def test_human_shows_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_one_window_closed_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     first, second = (NavigationEnv(map=room(), render_mode="human", dt=0.01) for _ in range(2))
@@ -152,6 +155,7 @@ def test_one_window_closed_leaves_the_others(monkeypatch: pytest.MonkeyPatch) ->
     assert pygame.display.get_surface() is None
 
 
+@pytest.mark.slow
 def test_pictures_outlive_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     """Other environments end pygame when they are closed; Gymnasium's own do."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
@@ -170,6 +174,7 @@ def test_pictures_outlive_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     other.close()
 
 
+@pytest.mark.slow
 def test_a_vector_shows_each_robot() -> None:
     envs = NavigationVectorEnv(2, map=room(), render_mode="rgb_array")
     envs.reset(seed=4)

@@ -29,6 +29,7 @@ OPTIONS: dict[str, Any] = {"longest": 8.0, "max_steps": 25, "obstacles": 2}
 NAME = "ambinav/Navigation-v1"
 
 
+@pytest.mark.slow
 def test_tells_what_theirs_tells() -> None:
     ours = make_sb3(NAME, 3, seed=6, all_info=True, map=room(), **OPTIONS)
     theirs = DummyVecEnv([lambda: NavigationEnv(map=room(), **OPTIONS)] * 3)
@@ -126,6 +127,7 @@ def test_tells_what_wrappers_add() -> None:
     assert all("outcome" in info for info in ended)
 
 
+@pytest.mark.slow
 def test_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     envs = make_sb3(NAME, 2, seed=0, map=room(), render_mode="rgb_array")
@@ -151,6 +153,7 @@ def test_infos_without_a_value_leave_the_key_out() -> None:
     assert infos_of(info, [0, 1]) == [{"a": 1.0, "b": {"c": 0}}, {"b": {"c": 1}}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("discrete", [False, True])
 def test_an_agent_trains(discrete: bool) -> None:
     envs = make_sb3(NAME, 4, seed=0, map=room(), discrete=discrete, **OPTIONS)

@@ -22,6 +22,7 @@ DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 WEIGHTS = dict(zip(TERMS, (1.0, 9.0, 7.0, 6.0, 0.5, 0.8, 3.0, 2.0, 0.4, 1.3), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("room", 2), ("demo", 3), ("demo", 4)])
 def test_every_number_is_that_of_the_slow_way(name: str, seed: int) -> None:
     environment = room() if name == "room" else load_environment(DEMO)
@@ -220,6 +221,7 @@ def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: floa
     assert (cost[0] <= 1.02 * cost[1]).all() and (cost[0] < 0.95 * cost[1]).any()
 
 
+@pytest.mark.slow
 def test_reckons_with_cones_mounts_and_mixed_sensors() -> None:
     laser = RangeSensor(max_range=4.0, std=0.02, resolution=0.01)
     sonar = RangeSensor(

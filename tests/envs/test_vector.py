@@ -170,6 +170,7 @@ def test_many_robots_in_new_buildings_warn_of_what_that_takes(
     assert not recwarn.list
 
 
+@pytest.mark.slow
 def test_forked_processes_make_buildings_and_drive() -> None:
     envs = gymnasium.make_vec(
         "ambinav/Navigation-v1",

@@ -116,6 +116,7 @@ def test_a_start_in_a_wall_of_the_world_is_refused() -> None:
     assert 3 < refused < 30
 
 
+@pytest.mark.slow
 def test_rendering_shows_the_world() -> None:
     pictures = []
     for std in (0.0, 1.0):

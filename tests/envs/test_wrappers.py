@@ -87,6 +87,7 @@ def test_flat(mode: str) -> None:
     same(envs, alone)
 
 
+@pytest.mark.slow
 def test_gymnasiums_own_give_the_same() -> None:
     same(Filtered(batched(), GOAL_ONLY), many.FilterObservation(batched(), GOAL_ONLY))
     same(Flat(batched()), many.FlattenObservation(batched()))

@@ -53,6 +53,7 @@ def driven_routes(
     ]
 
 
+@pytest.mark.slow
 def test_finds_the_truth_again() -> None:
     rng = np.random.default_rng(1)
     routes = driven_routes(rng, 160, 200)
@@ -70,6 +71,7 @@ def test_finds_the_truth_again() -> None:
     assert np.abs(ours - theirs).max() < 0.05
 
 
+@pytest.mark.slow
 def test_finds_the_truth_beyond_the_limit_by_echoes() -> None:
     rng, truth = np.random.default_rng(7), replace(TRUTH, gain=3.0, echo_gain=4.0)
     routes = driven_routes(rng, 160, 200, truth, (0.02, 0.2, 1.0))

@@ -178,6 +178,7 @@ def test_is_as_ordinary_drives_in_distribution(
         assert abs(logs[0].mean() - logs[1].mean()) < half < 0.05
 
 
+@pytest.mark.slow
 def test_losing_is_judged_as_by_the_metrics(wide_hall: Environment) -> None:
     noise = HALF_LOST
     ours = ensemble(

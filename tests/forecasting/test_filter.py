@@ -249,6 +249,7 @@ def test_limits_along_and_across_the_heading() -> None:
     )
 
 
+@pytest.mark.slow
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 9), st.tuples(*[st.floats(-30.0, 30.0)] * 9),
     st.integers(1, 3),

@@ -55,6 +55,7 @@ def test_curve_never_falls_and_ends_at_the_probability(demo_map: AmbiguityMap) -
     assert sum(cause.probability for cause in result.causes) <= result.lost_probability + 1e-9
 
 
+@pytest.mark.slow
 def test_worse_odometry_loses_more(demo_map: AmbiguityMap) -> None:
     shares = [
         forecast(demo_map, HALL, ODOMETRIES[name]).lost_probability
@@ -82,6 +83,7 @@ def test_information_near_the_routes_is_enough(demo_map: AmbiguityMap) -> None:
     assert len(fields[0].entries) < 0.5 * len(fields[1].entries)
 
 
+@pytest.mark.slow
 def test_information_at_the_headings_of_the_routes_is_enough() -> None:
     """On a map with headings, for routes that bend and turn on the spot."""
     sensor = an.RangeSensor(max_range=6.0, std=0.03, resolution=0.01)
@@ -108,6 +110,7 @@ def test_what_is_no_list_of_routes(demo_map: AmbiguityMap, routes: object) -> No
         Forecaster(demo_map, routes=routes)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
     def share(**more: float | tuple[float, float, float]) -> float:
         return forecast(demo_map, HALL, "poor", **more).lost_probability  # type: ignore[arg-type]
@@ -219,6 +222,7 @@ def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
             ask(Route.through([[1.0, 1.0], [1.0, 1e9]]))
 
 
+@pytest.mark.slow
 def test_a_route_close_to_a_wall_is_on_the_floor() -> None:
     """Along a slanted wall it passes cells whose centre lies behind the wall."""
     room = environment(shapely.Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 3.0)]))
@@ -271,6 +275,7 @@ def test_class_of_a_localizer(preset: str, localizer: str, name: str | None) -> 
     assert (None if entry is None else entry.name) == name
 
 
+@pytest.mark.slow
 def test_a_class_that_cannot_use_the_scanner() -> None:
     scanner = RangeScanner.from_preset("hc-sr04")
     sonar_map = an.build_map(an.load_environment(an.DEMO_BUILDING), scanner, spacing=0.5)
@@ -307,6 +312,7 @@ def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
         LocalizerClass.load("nothing.yaml")
 
 
+@pytest.mark.slow
 def test_what_a_forecast_cannot_know_is_said(demo_map: AmbiguityMap) -> None:
     forecaster = Forecaster(demo_map)
     with pytest.warns(InputWarning, match=r"crosses walls of .*, first near \(10\.\d, 10\.0\) m"):

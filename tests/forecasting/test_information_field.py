@@ -220,6 +220,7 @@ def test_positive_semidefinite_and_weakest_everywhere() -> None:
     )
 
 
+@pytest.mark.slow
 def test_map_with_headings_is_read_at_the_heading() -> None:
     information = InformationField.of(AmbiguityMap(dataset(8)))
     ahead, back = of_position(information.at(np.array([[10.0, 2.0, 0.0], [10.0, 2.0, math.pi]])))

@@ -194,6 +194,7 @@ def test_a_stored_drawn_plan_is_its_own(tmp_path: Path) -> None:
     assert env.collision is env
 
 
+@pytest.mark.slow
 def test_an_older_map_says_that_its_cells_are_not_known(tmp_path: Path) -> None:
     dataset = amap_of(leg_room()).dataset.drop_vars("drivable")
     del dataset.attrs["collision"]

@@ -66,6 +66,7 @@ def test_a_reflector_is_a_wall() -> None:
     assert np.allclose(tagged.cast(x, y, angle, 20.0), bare.cast(x, y, angle, 20.0), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_map_keeps_reflectors(tmp_path: Path) -> None:
     """A map is the same to the bit, stores their kind, and gives them back."""
     env = reflecting()

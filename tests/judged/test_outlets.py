@@ -72,6 +72,7 @@ def hold(made: Made) -> None:
         assert codes_at(made.amap, np.array([x]), np.array([y]))[0] == JUDGED, (who, x, y)
 
 
+@pytest.mark.slow
 def test_outlets_agree(made: Made) -> None:
     hold(made)
 

@@ -73,6 +73,7 @@ def test_simulated_ranges_are_as_good_as_the_bound(hall: an.Environment, std: fl
     np.testing.assert_allclose(measured, bound, rtol=0.06)
 
 
+@pytest.mark.slow
 @given(PLACES, PLACES, st.floats(2.0, 9.0))
 def test_in_view_is_a_straight_line(
     here: tuple[float, float], beacon: tuple[float, float], longest: float
@@ -114,6 +115,7 @@ def test_a_beacon_deep_in_a_wall_or_outside_is_named(hall: an.Environment) -> No
     assert range_information(hall, 4.0, 3.0, [(-0.05, 3.0)])[1].all()
 
 
+@pytest.mark.slow
 def test_a_demo_beacon_is_in_view_as_by_straight_lines() -> None:
     """All cells of a building with slanted and round walls, against shapely."""
     env = an.load_environment(DEMO)
@@ -163,6 +165,7 @@ def test_bad_input(hall_map: an.AmbiguityMap, options: dict[str, Any], message: 
         with_layers(hall_map, ["beacons"], beacons=options)
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     plan = {"type": "Polygon", "coordinates": [[*CORNERS, CORNERS[0]]]}

@@ -83,6 +83,7 @@ def test_in_a_room_a_little_is_enough_and_in_the_open_all_is() -> None:
     assert float(found.sample("best_aperture", 6.0, 6.0)) == pytest.approx(30.0)
 
 
+@pytest.mark.slow
 def test_a_larger_loss_needs_less() -> None:
     amap = an.build_map(scenes.scene(3, size=4.0, blocks=4, thin=2), fan(240, 41), 0.2, store=False)
     apertures = [

@@ -312,6 +312,7 @@ def test_bounds_and_what_people_take(width: float, depth: float, people: float) 
     assert (busy["coastal_entropy"] - quiet["coastal_entropy"])[context.free].mean() > -1e-3
 
 
+@pytest.mark.slow
 def test_quarter_turn_turns_the_layer() -> None:
     env = scenes.environment(shapely.Polygon(
         [(-1.97, -0.97), (1.97, -0.97), (1.97, 0.43), (0.63, 0.43), (0.63, 1.77), (-1.97, 1.77)]

@@ -120,6 +120,7 @@ def test_batches_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(rank_masks(context, 4.0), whole)
 
 
+@pytest.mark.slow
 def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
     """The poses of a lattice are among those of one three times as fine."""
     fine, coarse = (

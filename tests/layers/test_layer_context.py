@@ -37,6 +37,7 @@ def sonar() -> RangeScanner:
     return RangeScanner.ring(sensor, 8, 0.05)
 
 
+@pytest.mark.slow
 def test_it_is_of_the_map(tmp_path: Path) -> None:
     amap = build_map(ROOM, fan(200), 0.2, 0.4, headings=3, map_std=0.01)
     amap.save(tmp_path / "m.zarr")

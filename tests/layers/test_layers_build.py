@@ -67,6 +67,7 @@ def test_a_part_of_a_map_gets_no_layers_that_compare_cells(
     np.testing.assert_array_equal(ours, theirs.sel(x=ours["x"], y=ours["y"]))
 
 
+@pytest.mark.slow
 def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(
     laser: RangeScanner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

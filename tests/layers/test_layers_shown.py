@@ -90,6 +90,7 @@ def test_dark_is_badly_localized(amap: AmbiguityMap, name: str) -> None:
     assert label == f"{attrs['long_name']} ({attrs['units']})"
 
 
+@pytest.mark.slow
 def test_what_spans_powers_is_drawn_by_powers(amap: AmbiguityMap) -> None:
     norm = plot_layer(amap, "localizability_determinant").images[-1].norm
     assert isinstance(norm, LogNorm)

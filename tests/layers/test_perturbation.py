@@ -142,6 +142,7 @@ def test_quarter_turn_turns_the_layer() -> None:
     np.testing.assert_array_equal(np.isnan(turned), np.isnan(np.rot90(found, -1)))
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(width=st.floats(0.5, 7.0), depth=st.floats(0.5, 7.0), displacement=st.floats(0.02, 0.4))
 def test_bounds(width: float, depth: float, displacement: float) -> None:
@@ -185,6 +186,7 @@ def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
         np.testing.assert_array_equal(values[coarse.free], here[name][row, column])
 
 
+@pytest.mark.slow
 def test_no_start_behind_a_wall() -> None:
     """The next room, 4 cm away, is where the robot believes it is, but not where it looks."""
     env = scenes.environment(

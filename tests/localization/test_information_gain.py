@@ -74,6 +74,7 @@ def test_the_total_is_the_mutual_information_of_all_poses_and_all_scans() -> Non
     assert got.at_goal == pytest.approx((log_det(lone) - log_det(known)) / 2.0, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_one_scan_by_sampling() -> None:
     # I = E[ln p(z | x) - ln p(z)], over poses drawn from the prior and readings made there.
     env, rng = worlds.box(6.0, 4.0), np.random.default_rng(1)

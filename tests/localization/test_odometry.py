@@ -26,6 +26,7 @@ def relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array([c * dx + s * dy, -s * dx + c * dy, b[2] - a[2]])
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first call compiles
 @given(metres, metres, angles, metres, metres, angles)
 def test_without_errors_the_motion_is_odometrys(

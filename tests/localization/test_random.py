@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numba import njit
 from scipy import stats
 
@@ -87,6 +88,7 @@ def test_normals_are_normal_and_independent() -> None:
     assert abs(np.corrcoef((drawn**2).T)[0, 1]) < 0.01
 
 
+@pytest.mark.slow
 def test_the_ziggurat_is_normal_tails_included() -> None:
     drawn = np.empty(10 * COUNT)
     ziggurats_of(states(np.random.default_rng(5), 1)[0], drawn)
@@ -112,6 +114,7 @@ def test_rows_are_independent_and_do_not_depend_on_their_number() -> None:
     assert np.abs(between).max() < 5.0 / np.sqrt(4000)
 
 
+@pytest.mark.slow
 def test_normals_at_once_are_those_one_by_one() -> None:
     state = states(np.random.default_rng(5), 2)
     state[1] = state[0]

@@ -72,6 +72,7 @@ def test_beams_without_return_tell_nothing():
     assert (counts.hits.sum(), counts.passes.sum()) == (1, 2)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_counts_against_a_slow_reference(seed):

@@ -67,6 +67,7 @@ def test_few_beams_look_elsewhere_at_every_heading(env: Environment, laser: Rang
     assert same(few, build_map(env, laser, 0.5, max_beams=4, headings=8, store=False))
 
 
+@pytest.mark.slow
 def test_a_scanner_goes_by_its_name_or_its_file(env: Environment, tmp_path: Path) -> None:
     by_name = build_map(env, "hokuyo-urg-04lx", spacing=0.5)
     scanner = RangeScanner.from_preset("hokuyo-urg-04lx")

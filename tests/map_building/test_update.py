@@ -107,6 +107,7 @@ def hall_map(hall: an.Environment) -> an.AmbiguityMap:
     return built(hall)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["around", "off the centre"])
 @settings(max_examples=2, deadline=None)
 @given(seed=st.integers(0, 10**6))
@@ -208,6 +209,7 @@ def test_a_room_that_is_cut_off_stays_part_of_the_map(
     assert_same(hall_map.update(edited), built(edited))
 
 
+@pytest.mark.slow
 def test_a_map_from_disk(hall: an.Environment, hall_map: an.AmbiguityMap, tmp_path: Path) -> None:
     hall_map.save(tmp_path / "hall.zarr")
     opened = an.AmbiguityMap.open(tmp_path / "hall.zarr")
@@ -266,6 +268,7 @@ def test_layers_that_are_computed_in_full() -> None:
     assert_same(amap.update(edited), whole)
 
 
+@pytest.mark.slow
 def test_options_of_layers_are_kept(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
     from ambinav.layers.build import with_layers
 

@@ -118,6 +118,7 @@ def test_a_plan_has_no_heights() -> None:
         build_volume(room().plan, SCANNER, HEIGHTS, store=False)
 
 
+@pytest.mark.slow
 def test_without_map_std_it_is_that_of_the_building() -> None:
     """The command gives None where nothing is given; a floor at a height has another default."""
     env = room()

@@ -107,6 +107,7 @@ def test_a_newer_map_replaces_an_older_one(url: str) -> None:
     assert not any(name.startswith("own/") for name in files(url))
 
 
+@pytest.mark.slow
 def test_a_map_is_saved_where_it_is_still_being_read_from(url: str) -> None:
     """At a URL what is there goes first: all of it is in memory before."""
     AmbiguityMap(synthetic.dataset()).save(url)
@@ -170,6 +171,7 @@ def test_a_store_of_another_program_is_not_replaced(url: str) -> None:
     assert files(url) == before
 
 
+@pytest.mark.slow
 def test_a_map_that_was_not_written_to_its_end_is_no_map(
     url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -268,6 +268,7 @@ def test_damaged_outline_is_refused() -> None:
         _ = AmbiguityMap(dataset).environment
 
 
+@pytest.mark.slow
 def test_the_map_knows_how_sure_its_walls_are() -> None:
     """What is computed from a map is what comes of the building that it was computed from."""
     state = np.zeros((60, 80), dtype=np.uint8)
@@ -291,6 +292,7 @@ def test_the_map_knows_how_sure_its_walls_are() -> None:
     assert information_gain(amap, None, poses, np.diag([0.04, 0.04, 0.01])).total == gains[0]
 
 
+@pytest.mark.slow
 def test_what_a_map_was_made_with_counts_in_what_is_computed_from_it() -> None:
     """Walls that are given as less sure than the building's kind says are so everywhere."""
     building = environment_from_shapes([shapely.box(0, 0, 4, 3)])

@@ -16,6 +16,7 @@ from ambinav.runtime.errors import InputError
 from tests.maps import synthetic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("headings", [0, 4])
 def test_round_trip_keeps_everything(tmp_path, headings):
     dataset = synthetic.dataset(headings)
@@ -26,6 +27,7 @@ def test_round_trip_keeps_everything(tmp_path, headings):
     assert again.attrs == dataset.attrs
 
 
+@pytest.mark.slow
 def test_saving_an_opened_map_again(tmp_path):
     AmbiguityMap(synthetic.dataset()).save(tmp_path / "a.zarr")
     AmbiguityMap.open(str(tmp_path / "a.zarr")).save(tmp_path / "b.zarr")
@@ -56,6 +58,7 @@ def test_a_failed_save_leaves_the_old_map(tmp_path, monkeypatch):
     assert AmbiguityMap.open(path).dataset.identical(synthetic.dataset())
 
 
+@pytest.mark.slow
 def test_an_open_map_outlives_its_file(tmp_path):
     path = tmp_path / "a.zarr"
     AmbiguityMap(synthetic.dataset()).save(path)
@@ -92,6 +95,7 @@ def test_a_store_of_another_program_is_not_replaced(tmp_path):
             assert kept.identical(other)
 
 
+@pytest.mark.slow
 def test_older_and_begun_maps_are_replaced(tmp_path):
     amap = AmbiguityMap(synthetic.dataset())
     synthetic.dataset().to_zarr(tmp_path / "old.zarr", zarr_format=3, consolidated=False)

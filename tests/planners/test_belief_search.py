@@ -52,6 +52,7 @@ def priced(
     return cost, most, math.sqrt(p)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(
     graph=graphs(6),
@@ -187,6 +188,7 @@ def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
     assert belief_search(graph, growth, replace(model, **{limit: 0.1}), 0, 1) is None
 
 
+@pytest.mark.slow
 def test_growth_is_what_dead_reckoning_adds_from_scan_to_scan() -> None:
     """The covariance of driving straight on in many small steps, divided by the distance."""
     for noise in (OdometryNoise(), OdometryNoise(alpha2=2.0, scale=0.5)):

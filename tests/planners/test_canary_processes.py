@@ -42,6 +42,7 @@ def script(body: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_solve_at_once() -> None:
     process = script("""
 simple = setup("RRTstar")

@@ -47,6 +47,7 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> np.ndarray:
     return ends[robot.checker.motions_free(ends[:, 0], ends[:, 1])][:count]
 
 
+@pytest.mark.slow
 def test_a_straight_route_in_an_empty_room_is_certified() -> None:
     robot = RoutePlanner(AmbiguityService(room(), weight=0.0), footprint=RADIUS)
     route = robot.plan((0.5, 0.5), (5.3, 3.1))
@@ -129,6 +130,7 @@ def test_no_motion_costs_less_than_the_bound(
         assert 0.0 < bound <= motion[0]
 
 
+@pytest.mark.slow
 def test_routes_of_other_spaces_and_robots_are_certified(heading_map: AmbiguityMap) -> None:
     table = Footprint.polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2)])
     for space, radius in (("dubins", 0.4), ("reeds-shepp", 0.4)):  # headings one way and both ways
@@ -161,6 +163,7 @@ def test_a_point_robot_and_a_route_of_no_length(demo: AmbiguityService) -> None:
     assert (there.bound, there.gap) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_certified_is_refused(robot: RoutePlanner, demo: AmbiguityService) -> None:
     route = robot.plan((3.0, 3.0), (9.0, 3.0))
     with pytest.raises(InputError, match="gap is 0"):

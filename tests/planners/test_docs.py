@@ -96,6 +96,7 @@ def test_the_lines_for_stops(
     assert visited.arrivals[-1] < visited.route.length
 
 
+@pytest.mark.slow
 def test_the_lines_for_route_graphs(
     robot: RoutePlanner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +125,7 @@ def test_the_lines_for_speed(
     assert slower.duration == names["slower"].duration >= names["profile"].duration
 
 
+@pytest.mark.slow
 def test_the_lines_for_replanning(robot: RoutePlanner) -> None:
     names: dict[str, Any] = {"service": robot.service}
     exec(block("Replanner"), names)

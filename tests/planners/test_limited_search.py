@@ -66,6 +66,7 @@ def exhaustive(
     return math.inf
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(graph=graphs(), seed=st.integers(0, 2**32 - 1), limit=st.floats(0.0, 6.0))
 def test_cheapest_way_that_keeps_to_the_limit(graph: MotionGraph, seed: int, limit: float) -> None:

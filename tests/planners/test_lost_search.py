@@ -73,6 +73,7 @@ def test_between_the_shortest_paths_of_nearby_shares(
     assert found.cost <= surely + 1e-9
 
 
+@pytest.mark.slow
 def test_a_smaller_share_is_a_longer_route(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "poor")
     problem = robot.problem(*ENDS, 0.0)

@@ -47,6 +47,7 @@ def speeds(service: AmbiguityService, route: Route) -> NDArray[np.float64]:
     return np.column_stack([along, FASTEST / np.array(prices)])
 
 
+@pytest.mark.slow
 def test_without_an_error_only_walls_slow_a_robot(demo_map: AmbiguityMap) -> None:
     rule = BrakingRule(radius=0.2, acceleration=1.0, sigmas=0.0)
     layer = with_slowness(demo_map, rule, FASTEST).dataset["slowness"].values
@@ -63,6 +64,7 @@ def test_without_an_error_only_walls_slow_a_robot(demo_map: AmbiguityMap) -> Non
     assert between.any() and speed.min() == pytest.approx(rule.creep)
 
 
+@pytest.mark.slow
 def test_errors_slow_a_robot_further(demo_map: AmbiguityMap, timed: AmbiguityService) -> None:
     layers = [timed.map.dataset["slowness"].values]
     for odometry, sigmas in (("good", 3.0), ("good", 0.0)):
@@ -110,6 +112,7 @@ def test_it_is_faster_under_the_forecast_error_too(
     assert times["time"] < 0.8 * min(times["shortest"], times["weight 5"])
 
 
+@pytest.mark.slow
 def test_headings_count(heading_map: AmbiguityMap) -> None:
     slower = with_slowness(heading_map, RULE, FASTEST)
     assert slower.dataset["slowness"].dims == ("y", "x", "theta")

@@ -70,6 +70,7 @@ def test_cheapest_cycle_is_that_of_brute_force(count: int, seed: int, missing: f
     assert cycle.bound == cycle.cost
 
 
+@pytest.mark.slow
 def test_thirty_places_in_a_circle() -> None:
     """The cheapest tour is the circle itself; clusters make cycles that are too short."""
     angle = np.repeat(np.arange(10), 3) * 0.6 + [0.0, 0.05, 0.1] * 10
@@ -83,6 +84,7 @@ def test_thirty_places_in_a_circle() -> None:
     assert cycle.cost == pytest.approx(np.hypot(*(ring - np.roll(ring, 1, axis=0)).T).sum())
 
 
+@pytest.mark.slow
 def test_without_time_there_is_a_bound() -> None:
     places = np.random.default_rng(2).uniform(size=(25, 2))
     cost = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
@@ -108,6 +110,7 @@ def test_no_order_of_the_stops_is_cheaper(robot: RoutePlanner) -> None:
     assert best - 1e-9 <= mission.route.cost <= 1.013 * best
 
 
+@pytest.mark.slow
 def test_stops_in_order(robot: RoutePlanner) -> None:
     mission = plan_mission(robot, Mission(START, (START,), STOPS[:2]))
     assert (mission.order, mission.goal, mission.gap) == ((0, 1), 0, 0.0)
@@ -120,6 +123,7 @@ def test_stops_in_order(robot: RoutePlanner) -> None:
     assert route.goal[:2] == pytest.approx(START)
 
 
+@pytest.mark.slow
 def test_best_of_several_goals(robot: RoutePlanner) -> None:
     mission = plan_mission(robot, Mission(START, STOPS), weight=2.0)
     costs = [robot.plan(START, goal, weight=2.0).cost for goal in STOPS]
@@ -142,6 +146,7 @@ def test_bad_missions(robot: RoutePlanner) -> None:
         plan_mission(car, Mission(START, (GOAL, STOPS[0])))
 
 
+@pytest.mark.slow
 def test_a_limit_holds_over_stops(robot: RoutePlanner) -> None:
     """Two legs that keep it may break it where they meet."""
     amap = robot.service.map
@@ -179,6 +184,7 @@ def test_routes_keep_out_of_polygons(robot: RoutePlanner, space: str) -> None:
         assert kept.length > free.length
 
 
+@pytest.mark.slow
 def test_zones_that_leave_no_way(robot: RoutePlanner) -> None:
     wall = shapely.box(22.0, 0.0, 22.5, 40.0)
     planner = RoutePlanner(robot.service.map, keep_out=wall)
@@ -188,6 +194,7 @@ def test_zones_that_leave_no_way(robot: RoutePlanner) -> None:
         planner.plan((22.2, 20.0), GOAL)
 
 
+@pytest.mark.slow
 def test_joined_routes_follow_each_other(robot: RoutePlanner) -> None:
     first, second = robot.plan(START, STOPS[0]), robot.plan(STOPS[0], GOAL)
     whole = join_routes(robot.service, [first, second])

@@ -49,6 +49,7 @@ def metres_against(polygons: Any, degrees: Any, poses: Any) -> float:
     return metres
 
 
+@pytest.mark.slow
 def test_two_lanes_are_driven_on_their_sides(demo: AmbiguityService) -> None:
     robot = RoutePlanner(demo, one_way=OneWayLanes.of([SOUTH, NORTH], [0.0, 180.0]))
     for start, goal in ((EAST, WEST), (WEST, EAST)):
@@ -85,6 +86,7 @@ def test_a_goal_in_a_lane_is_reached_along_its_edge() -> None:
     assert route.length == pytest.approx(math.dist(start, corner) + 0.3, rel=0.002)
 
 
+@pytest.mark.slow
 def test_lanes_choose_the_planner_that_keeps_them(demo: AmbiguityService) -> None:
     lanes = OneWayLanes.of([SOUTH], [0.0])
     square = Footprint.polygon([(-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)])
@@ -94,6 +96,7 @@ def test_lanes_choose_the_planner_that_keeps_them(demo: AmbiguityService) -> Non
         RoutePlanner(demo, one_way=lanes, space="se2").plan((12.0, 13.0, 0.0), (14.0, 13.0, 0.0))
 
 
+@pytest.mark.slow
 def test_slanted_lanes(demo: AmbiguityService) -> None:
     """In the hall, lanes at any angle, across each other."""
     rng = np.random.default_rng(0)
@@ -164,6 +167,7 @@ def test_directions_that_are_none(degrees: Any) -> None:
         OneWayLanes.of([shapely.box(0.0, 0.0, 6.0, 4.0)], degrees)
 
 
+@pytest.mark.slow
 def test_what_cannot_keep_lanes(demo: AmbiguityService) -> None:
     lanes = OneWayLanes.of([shapely.box(10, 11, 28, 14)], [90.0])
     robot = RoutePlanner(demo, one_way=lanes, max_bad_metres=5.0)

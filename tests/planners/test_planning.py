@@ -196,6 +196,7 @@ def test_planners_that_cannot_keep_the_limit_are_refused(demo: AmbiguityService,
         plan(demo, START, GOAL, planner=name, max_bad_metres=5.0)
 
 
+@pytest.mark.slow
 def test_a_price_on_walls_keeps_away_from_them(demo_map: AmbiguityMap) -> None:
     away = []
     for weight in (0.0, 3.0):

@@ -228,6 +228,7 @@ def test_a_missing_layer(demo_map: AmbiguityMap) -> None:
         AmbiguityService(demo_map, "levels")
 
 
+@pytest.mark.slow
 def test_a_point_is_a_robot_too(robot: RoutePlanner) -> None:
     """The narrower the robot, the shorter its way, down to a point."""
     lengths = [

@@ -52,6 +52,7 @@ def test_metres_that_the_cost_adds_count_as_length(robot: RoutePlanner) -> None:
             assert forecaster(other).lost_probability > 0.065
 
 
+@pytest.mark.slow
 def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, OdometryNoise(scale=20.0))
     with pytest.raises(

@@ -47,6 +47,7 @@ def test_a_door_that_the_lattice_misses_is_no_wall(thin: bool) -> None:
     assert aside.length == pytest.approx(math.hypot(3.0, 0.0) + math.hypot(3.0, 1.0), rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thin", [False, True])
 def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
     robot = building(0.87, thin)
@@ -102,6 +103,7 @@ def test_the_goal_may_be_the_start(name: str) -> None:
     assert len(route.poses) == 2
 
 
+@pytest.mark.slow
 def test_a_footprint_beyond_a_wall_is_no_start() -> None:
     beside = Footprint.polygon([(0.5, -0.2), (0.9, -0.2), (0.9, 0.2), (0.5, 0.2)])
     robot = RoutePlanner(building(1.0).service, footprint=beside, space="se2")

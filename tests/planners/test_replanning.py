@@ -75,6 +75,7 @@ def test_costs_to_go_follow_changes_as_a_new_search_finds_them(seed: int) -> Non
             assert path[-1] == 0
 
 
+@pytest.mark.slow
 def test_a_first_route_is_as_good_as_a_plan(robot: RoutePlanner) -> None:
     first = Replanner(robot, GOAL).replan(START)
     assert first.is_new
@@ -83,6 +84,7 @@ def test_a_first_route_is_as_good_as_a_plan(robot: RoutePlanner) -> None:
     assert first.route.goal[:2] == GOAL
 
 
+@pytest.mark.slow
 def test_a_robot_that_moves_goes_on_along_its_route(robot: RoutePlanner) -> None:
     planner = Replanner(robot, GOAL)
     route = planner.replan(START).route
@@ -97,6 +99,7 @@ def test_a_robot_that_moves_goes_on_along_its_route(robot: RoutePlanner) -> None
     assert away.route.cost <= 1.005 * robot.plan((17.0, 20.0), GOAL).cost
 
 
+@pytest.mark.slow
 def test_obstacles_are_passed_at_the_price_of_a_new_plan(
     robot: RoutePlanner, demo: AmbiguityService
 ) -> None:
@@ -155,6 +158,7 @@ def test_walls_are_not_called_obstacles() -> None:
     assert "obstacle" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_changed_costs_change_the_route(robot: RoutePlanner, demo: AmbiguityService) -> None:
     planner = Replanner(robot, GOAL)
     route = planner.replan(START).route

@@ -22,6 +22,7 @@ def test_the_same_picture_is_the_same_file(tmp_path: Path, suffix: str) -> None:
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_dollar_signs_in_names_are_no_formula(tmp_path: Path) -> None:
     """Ticks of a logarithmic axis are formulas, also when the figure is saved again."""
     figure = new_figure(3, 2)

@@ -79,6 +79,7 @@ def test_the_third_panel_shows_the_change(drawn):
     assert labels == {"new floor", "floor gone", "new wall", "wall gone"}
 
 
+@pytest.mark.slow
 def test_long_titles_stay_over_their_panel(drawn):
     drawn.canvas.draw()
     axes = drawn.axes[0]

@@ -96,6 +96,7 @@ def test_legend_tells_shares_and_title_names_both(amap):
     assert axes.get_title(loc="left") == "Zones: made-up scanner in synthetic"
 
 
+@pytest.mark.slow
 def test_axes_tell_coordinates_in_metres(amap):
     axes = plot_zones(amap)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
@@ -123,6 +124,7 @@ def test_layer_runs_from_zero_to_one_and_dark_is_ambiguous(amap):
     assert sum(colour_at(axes, 21, 5)) < sum(colour_at(axes, 10, 2)) < sum(colour_at(axes, 2, 2))
 
 
+@pytest.mark.slow
 def test_radii_and_angles_have_scales_of_their_own():
     turning = AmbiguityMap(synthetic.dataset(headings=4))
     assert plot_layer(turning, "major_radius").images[-1].get_clim()[1] < 0.3

@@ -71,6 +71,7 @@ def byte(colour: str) -> tuple[int, ...]:
     return tuple(round(255 * part) for part in to_rgb(colour))
 
 
+@pytest.mark.slow
 def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
     figure = plot_routes(amap, routes)
     first, second = cased(figure.axes[0])
@@ -93,12 +94,14 @@ def test_legend_tells_length_cost_and_metres_in_each_bad_zone(amap, routes):
     )
 
 
+@pytest.mark.slow
 def test_dollar_signs_in_a_route_s_name_are_shown(amap, routes):
     figure = plot_routes(amap, {r"$\hall$": routes["shortest"]})
     figure.canvas.draw()
     assert any(text.startswith(r"\$\hall\$") for text in texts(figure))
 
 
+@pytest.mark.slow
 def test_a_kind_of_route_has_one_colour(amap, routes):
     shortest = route_through(amap, (1, 2), (17, 2.2), (24, 8), weight=0.0)
     for named in (
@@ -164,6 +167,7 @@ def test_ellipses_are_two_standard_deviations(amap):
     assert not any(isinstance(a, EllipseCollection) for a in plain.collections)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [slice(None), slice(165, 200)], ids=["wide", "tall"])
 @pytest.mark.parametrize("count", [1, 5])
 def test_nothing_overlaps(amap, part, count):
@@ -183,6 +187,7 @@ def test_nothing_overlaps(amap, part, count):
     assert axes.get_window_extent().height > 0.5 * figure.bbox.height
 
 
+@pytest.mark.slow
 def test_draws_into_given_axes_and_saves(amap, routes, tmp_path):
     figure = Figure()
     axes = figure.subplots()
@@ -193,6 +198,7 @@ def test_draws_into_given_axes_and_saves(amap, routes, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_headings_are_named_where_they_matter(routes):
     turning = AmbiguityMap(synthetic.dataset(headings=4))
     figure = plot_routes(turning, routes, heading="worst")
@@ -201,6 +207,7 @@ def test_headings_are_named_where_they_matter(routes):
     assert any("own headings" in caption for caption in captions)
 
 
+@pytest.mark.slow
 def test_components_have_their_colours(amap):
     x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
     labels = np.full(x.shape, -1)

@@ -17,6 +17,7 @@ from scipy.stats import spearmanr
 NUMBERS = st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=3, max_size=40)
 
 
+@pytest.mark.slow
 @given(NUMBERS)
 def test_spearman_is_scipys(values):
     a, b = np.array(values, dtype=float).T
@@ -26,6 +27,7 @@ def test_spearman_is_scipys(values):
         assert spearman(a, b) == pytest.approx(spearmanr(a, b).statistic, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_alike_neighbours_widen_the_interval():
     rng = np.random.default_rng(1)
     place = np.repeat(rng.normal(size=30), 20)

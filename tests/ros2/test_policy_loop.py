@@ -62,6 +62,7 @@ def tell(loop: PolicyLoop, told: tuple[Any, ...]) -> None:
     loop.on_pose(pose)
 
 
+@pytest.mark.slow
 def test_its_time_step_is_that_of_the_training() -> None:
     env, loop = made()
     assert loop.dt == env.simulation.parameters.dt
@@ -122,6 +123,7 @@ def test_it_stands_without_news_and_refuses_nonsense() -> None:
         loop.on_pose(pose)
 
 
+@pytest.mark.slow
 def test_failed_readings_are_no_echo() -> None:
     """Without a policy: what the loop keeps of a scan."""
     loop = PolicyLoop.__new__(PolicyLoop)

@@ -66,6 +66,7 @@ def check(profile: SpeedProfile, held: SpeedLimits, arcs: bool) -> None:
         assert across.max(initial=0.0) <= held.lateral_acceleration * 1.01 + ROUNDING
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(poses=poses, steering=st.sampled_from(STEERINGS), held=limits)
 @example(

@@ -70,6 +70,7 @@ def test_everything_comes_back(route, tmp_path, ending):
     assert_same(load_route(path), route)
 
 
+@pytest.mark.slow
 @settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -109,6 +109,7 @@ def labels(axes) -> list[Annotation]:
     return [text for text in axes.texts if isinstance(text, Annotation)]
 
 
+@pytest.mark.slow
 def test_picture_labels_every_weight_and_joins_equal_points():
     found = front((0, 10, 6), (1, 10.4, 4), (2, 11, 2), (3, 11, 2), (5, 11, 2), (8, 12, 2))
     figure = plot_pareto(found)
@@ -122,6 +123,7 @@ def test_picture_labels_every_weight_and_joins_equal_points():
     assert hollow.get_xdata().tolist() == pytest.approx([20])
 
 
+@pytest.mark.slow
 def test_picture_tells_corridor_and_open_zones_apart():
     floors = ((8.0, 5.0, 3.0, 3.0), (4.0, 2.0, 0.5, 0.25), (1.0, math.nan, 0.0, 0.0))
     found = ParetoFront(

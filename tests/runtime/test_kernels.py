@@ -284,6 +284,7 @@ def test_machine_code_calls_none_of_another_kernel() -> None:
         assert ".weak" not in assembly
 
 
+@pytest.mark.slow
 def test_a_function_of_somebody_else_is_not_led_into_a_kernel() -> None:
     """LLVM drops or changes arguments of copies that nobody else calls."""
 
@@ -306,6 +307,7 @@ def test_a_function_of_somebody_else_is_not_led_into_a_kernel() -> None:
     assert shared(values, 2) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_copies_are_those_of_slices() -> None:
     @kernel
     def copied(out, values):

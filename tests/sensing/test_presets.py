@@ -134,6 +134,7 @@ NO_PAGES = {"hokuyo-utm-30lx", "pioneer-sonar-laser", "polaroid-6500-ring", "sic
 """Sources without pages: web pages, parameter files, and documents that named none."""
 
 
+@pytest.mark.slow
 def test_who_looks_all_around() -> None:
     around = {n for n in preset_names() if RangeScanner.from_preset(n).looks_all_around}
     assert around == {
@@ -148,6 +149,7 @@ def test_who_looks_all_around() -> None:
     assert np.abs(burger.centred.mounts[:, :2]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_summaries() -> None:
     summaries = {s.name: s for s in preset_summaries()}
     assert tuple(summaries) == preset_names()

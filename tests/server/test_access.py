@@ -60,6 +60,7 @@ def test_a_page_behind_a_proxy_may_ask_and_others_not(origin: str, may: bool) ->
     assert (access.refusal("POST", EDIT, headers) is None) == may
 
 
+@pytest.mark.slow
 def test_a_token_for_reading_edits_nothing(serve: Any, corridor: an.AmbiguityMap) -> None:
     live: Live = serve([corridor], access=Access("write", "read"))
 

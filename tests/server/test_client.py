@@ -84,6 +84,7 @@ def test_what_needs_arrays_fetches_them_once(
     assert client.density.values.max() < other.density.values.max()
 
 
+@pytest.mark.slow
 def test_a_planner_finds_the_same_routes_with_either(
     client: an.Client, corridor: an.AmbiguityMap
 ) -> None:
@@ -132,6 +133,7 @@ class Walk(gym.Env[np.ndarray, int]):
         return np.array([*self.at, self.service.cost(*self.at)])
 
 
+@pytest.mark.slow
 def test_an_environment_is_the_same_with_either(
     client: an.Client, corridor: an.AmbiguityMap
 ) -> None:

@@ -369,6 +369,7 @@ def test_sessions_of_one_name_on_two_maps_are_two(
     assert [found.name for found, _ in asyncio.run(both())] == [base.name for base in maps]
 
 
+@pytest.mark.slow
 def test_an_edit_that_takes_too_long_is_ended(
     serve: Callable[..., Live], corridor: an.AmbiguityMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -65,6 +65,7 @@ def check(found: tuple[Values, ...], values: Values, wanted: Any, depth: int) ->
         assert level.size == len(blocks(values, k))
 
 
+@pytest.mark.slow
 def test_mean_and_worst_are_those_of_all_cells_of_a_block(coarse: int) -> None:
     rng = np.random.default_rng(1)
     values = with_holes(rng.random(SHAPE), rng)
@@ -74,6 +75,7 @@ def test_mean_and_worst_are_those_of_all_cells_of_a_block(coarse: int) -> None:
     check(build(values, "localizability", True).worst, values, np.min, coarse)
 
 
+@pytest.mark.slow
 def test_a_block_is_of_the_zone_of_most_of_its_cells(coarse: int) -> None:
     rng = np.random.default_rng(2)
     values = with_holes(rng.integers(0, 4, SHAPE), rng)

@@ -50,6 +50,7 @@ def dense(
     return float(np.trapezoid(cost, t)) * length, bool(np.isfinite(cost).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["plain", "headed"])
 def test_a_motion_costs_the_integral_over_its_states(
     which: str, request: pytest.FixtureRequest
@@ -243,6 +244,7 @@ def test_clearance_counts_with_headings_too(headed: an.AmbiguityMap) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("added", "layer"),
     [("wall_normals", "wall_normals"), ("coastal_entropy", "coastal_entropy_gain")],

@@ -60,6 +60,7 @@ def test_a_store_of_another_program_is_not_replaced(attrs: dict[str, str]) -> No
         system.rm("/ambinav-other", recursive=True)
 
 
+@pytest.mark.slow
 def test_a_begun_template_is_written_again_and_a_plain_map_is_not() -> None:
     url, system = "memory://ambinav-begun/a.zarr", fsspec.filesystem("memory")
     try:
@@ -73,6 +74,7 @@ def test_a_begun_template_is_written_again_and_a_plain_map_is_not() -> None:
         system.rm("/ambinav-begun", recursive=True)
 
 
+@pytest.mark.slow
 def test_a_repeated_build_has_the_names_that_are_given_now() -> None:
     url, system = "memory://ambinav-names/a.zarr", fsspec.filesystem("memory")
     renamed = copy.copy(ROOM)
@@ -85,6 +87,7 @@ def test_a_repeated_build_has_the_names_that_are_given_now() -> None:
         system.rm("/ambinav-names", recursive=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["CommClosedError", "TimeoutError"])
 def test_a_lost_cluster_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str

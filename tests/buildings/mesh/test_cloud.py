@@ -131,6 +131,7 @@ def test_the_floor_is_found_wherever_it_lies_among_the_voxels(
     assert any("points in" in note for note in env.notes)
 
 
+@pytest.mark.slow
 def test_coordinates_of_a_country_are_moved_to_the_origin(tmp_path: Path) -> None:
     few, there = room(300) + GRAIN / 2.0, np.array((412_345.25, 5_678_900.5, 512.0))
     far = few + there
@@ -164,6 +165,7 @@ def test_units_and_axes_are_asked_about_and_not_guessed(tmp_path: Path) -> None:
     assert np.ptp(read_cloud(tmp_path / "side.xyz", up="y").bounds, axis=0)[2] < 2.7
 
 
+@pytest.mark.slow
 def test_a_cloud_with_y_up_is_the_one_that_was_turned(points: Points, tmp_path: Path) -> None:
     """Cell by cell: x stays, and what was y points against z."""
     write_xyz(tmp_path / "z.xyz", points)
@@ -174,6 +176,7 @@ def test_a_cloud_with_y_up_is_the_one_that_was_turned(points: Points, tmp_path: 
     assert np.array_equal(np.unique(turned, axis=0), np.unique(upright, axis=0))
 
 
+@pytest.mark.slow
 def test_feet_and_degrees_of_a_las_file(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy", reason="laspy is not installed")
     for extended, text, wanted in (

@@ -121,6 +121,7 @@ def many_rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     return rng.uniform(0.1, (5.9, 3.9, 2.9), (count, 3)), rng.normal(size=(count, 3))
 
 
+@pytest.mark.slow
 def test_processes_and_order_change_no_bit() -> None:
     origin, direction = many_rays(30_000)
     order = np.random.default_rng(3).permutation(len(origin))

@@ -27,6 +27,7 @@ def test_connected_whatever_the_seed(seed: int) -> None:
     assert (labels > 0).sum() <= 0.005 * (labels >= 0).sum()
 
 
+@pytest.mark.slow
 def test_walls_at_odd_angles_and_along_the_axes() -> None:
     angles, shares = [], []
     for seed in range(12):

@@ -88,6 +88,7 @@ def test_the_same_in_a_fresh_process() -> None:
     assert out == here
 
 
+@pytest.mark.slow
 def test_cluttered_buildings() -> None:
     legs, narrow = 0, 0
     for variant in (*range(4), 1_000_000):
@@ -121,6 +122,7 @@ def test_a_mixture_takes_each_suite_in_turn() -> None:
         suite("office+halt")
 
 
+@pytest.mark.slow
 def test_plain_buildings_stand_along_the_axes() -> None:
     for name in set(NAMES) - {"triple-rooms", "procedural"}:
         along = np.diff(suite(name).building(0).segments.xy.reshape(-1, 2, 2), axis=1)[:, 0]

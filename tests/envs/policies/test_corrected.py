@@ -55,6 +55,7 @@ def episodes(policy: Any, count: int = 6, **options: Any) -> Episodes:
     return evaluate_in(policy, source, parameters, count, 1, chunk=count)
 
 
+@pytest.mark.slow
 def test_as_fast_as_it_may_it_is_the_baseline() -> None:
     options = {"obstacles": 6, "people": 2, "odometry_scale": 2.0}
     ours, theirs = (
@@ -121,6 +122,7 @@ def test_whatever_the_correction_it_stops_before_walls(correction: tuple[float, 
     assert not found.ended(COLLIDED).any()
 
 
+@pytest.mark.slow
 def test_what_it_knows_of_the_last_seconds() -> None:
     model = Always(0.0, 0.0)
     episodes(corrected(model), 1, max_steps=50, localizer="perfect")

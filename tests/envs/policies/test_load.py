@@ -156,6 +156,7 @@ def test_what_does_not_fit_is_named(options: dict[str, Any], message: str, file:
         load_policy(file).prepare(*spaces_of(**options))
 
 
+@pytest.mark.slow
 def test_a_policy_of_one_row() -> None:
     envs = make_sb3("ambinav/Navigation-v1", 2, **OPTIONS)
     row = spaces.flatten_space(envs.observation_space)
@@ -205,6 +206,7 @@ def test_loading_leaves_the_random_numbers_alone(file: Path) -> None:
     assert np.random.random() == wanted
 
 
+@pytest.mark.slow
 def test_a_live_model() -> None:
     envs = make_sb3("ambinav/Navigation-v1", 2, **OPTIONS)
     policy = ModelPolicy(model(envs))

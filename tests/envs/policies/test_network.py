@@ -130,6 +130,7 @@ def test_weights_are_counted_before_there_are_any(kind: str, layers: str) -> Non
     assert 0.98 * total < _count(kind, asked, observation, action) < most * total
 
 
+@pytest.mark.slow
 def test_one_row(tmp_path: Path) -> None:
     """As from `FlattenObservation`, normalised."""
     from gymnasium.wrappers import FlattenObservation

@@ -49,6 +49,7 @@ def episodes(name: str, count: int, **options: Any) -> Episodes:
     return evaluate_in(policy, source, parameters, count, 1, chunk=count)
 
 
+@pytest.mark.slow
 @ALL
 def test_they_arrive_among_boxes_without_a_collision(name: str) -> None:
     found = episodes(name, 8, obstacles=8, people=2, localizer="perfect")
@@ -68,6 +69,7 @@ def test_any_scanner_will_do(name: str, scanner: str) -> None:
     assert found.ended(ARRIVED).sum() >= 3
 
 
+@pytest.mark.slow
 @ALL
 def test_the_same_episodes_twice(name: str) -> None:
     one, other = (episodes(name, 3, obstacles=4, max_steps=80) for _ in range(2))
@@ -119,6 +121,7 @@ def test_what_does_not_fit_is_named() -> None:
     policy.prepare(observation_space(parameters), action_space(parameters))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from(list(REACTIVE)),

@@ -126,6 +126,7 @@ def test_what_is_mirrored_is_driven_mirrored(kind: str) -> None:
     assert other == pytest.approx(one * [1.0, -1.0], abs=1e-9)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_door_is_passed_if_the_robot_fits(kind: str) -> None:
     through = driven(kind, door(0.7), (2.0, 0.0), 120)
@@ -226,6 +227,7 @@ def test_runs_of_free_sectors(row: list[bool]) -> None:
             assert found[k] == count
 
 
+@pytest.mark.slow
 @BOTH
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())

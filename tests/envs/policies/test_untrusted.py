@@ -169,6 +169,7 @@ def test_a_member_that_is_there_twice(name: str, file: Path, tmp_path: Path) -> 
     assert "is there twice" in refusal(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [CARD, WEIGHTS])
 def test_a_bomb(name: str, file: Path, tmp_path: Path) -> None:
     path = written(tmp_path / "p.zip", members_of(file) | {name: bytes(80 << 20)})

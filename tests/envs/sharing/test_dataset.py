@@ -48,6 +48,7 @@ def test_names_are_those_of_minari() -> None:
         assert version == 0 and f"{namespace}/{name}-v0" == wanted
 
 
+@pytest.mark.slow
 def test_a_policy_is_configured_for_the_environment() -> None:
     """Its actions are those of an evaluation, also of another robot and where it declares."""
     pytest.importorskip("minari")

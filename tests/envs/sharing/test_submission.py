@@ -318,6 +318,7 @@ def test_the_hidden_seed(record: dict[str, Any], frozen: FrozenBenchmark, folder
         make_record(frozen, [attack], ignore, secret=secret)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["declares", "stands", "rams", "acts_randomly"])
 def test_who_does_not_navigate_scores_nothing(
     name: str, frozen: FrozenBenchmark, folder: Path

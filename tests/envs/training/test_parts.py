@@ -56,6 +56,7 @@ def test_figures_of_nothing() -> None:
     assert math.isnan(figures_of(EPISODES[1:])["length"])
 
 
+@pytest.mark.slow
 def test_the_curriculum_reaches_the_simulation() -> None:
     envs = TrainingEnvs(tiny())
     stages = Curriculum([StagePart(longest=3.0, share=0.5), StagePart(longest=5.0, arrival=0.9)])
@@ -106,6 +107,7 @@ def test_the_table_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
     assert (tmp_path / "progress.csv").read_text().count("\n") == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_the_picture(tmp_path: Path, count: int) -> None:
     table = Progress(tmp_path / "progress.csv")

@@ -230,6 +230,7 @@ def test_everything_at_once(tmp_path: Path) -> None:
     assert "8 m" not in (out / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_limit_of_time_ends_it(tmp_path: Path) -> None:
     summary = train(tiny(steps=None, minutes=1e-9), tmp_path / "out")
     assert summary["steps"] == 0 and summary["final"]["episodes"] == 4.0

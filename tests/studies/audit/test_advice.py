@@ -63,6 +63,7 @@ def bad_area(amap: an.AmbiguityMap, counted: np.ndarray) -> float:
     return float((np.isin(amap.floor("zone").values, BAD) & counted).sum()) * amap.cell_area
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aperture", [math.tau, math.radians(240.0)])
 def test_a_scanner_at_places_is_a_map_of_it(aperture: float) -> None:
     """To the last place, also where the present map has headings and the other has none."""
@@ -94,6 +95,7 @@ def test_all_places_leave_no_doubt_and_some_leave_it_honestly(racks: Audit) -> N
     assert held >= 54  # of 95 % of 60, three standard deviations of chance
 
 
+@pytest.mark.slow
 def test_places_that_gain_most_are_those_of_a_whole_map(racks: Audit) -> None:
     """They lie on floor that improves, hold no more than improves, and samples estimate them."""
     floor = FloorSample.of(racks.amap, racks.environment, racks.scanner)
@@ -158,6 +160,7 @@ def test_a_good_building_has_nothing_to_do(posts: int | None) -> None:
     assert found.verdict.sentence.startswith("Nothing to do: with test laser")
 
 
+@pytest.mark.slow
 def test_where_nothing_helps_it_says_so() -> None:
     """A corridor longer than any scanner sees: only its ends are known."""
     corridor = an.environment_from_shapes([shapely.box(0.0, 0.0, 240.0, 2.0)], name="corridor")
@@ -250,6 +253,7 @@ def racks_bad(found: Audit) -> float:
     return bad_area(found.amap, found.parts.counted)
 
 
+@pytest.mark.slow
 def test_the_same_audit_gives_the_same_verdict(racks: Audit, advised: Audit) -> None:
     again = advise(racks, posts=0)
     assert document(again) == document(advised)

@@ -67,6 +67,7 @@ def test_equal_rooms_are_paired(found):
     assert area < amap.free_area
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "fold"),
     [(symmetric.crossing, 4), (symmetric.hexagon, 6)],

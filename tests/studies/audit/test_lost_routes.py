@@ -50,6 +50,7 @@ def examined(hall: Environment, hall_map: AmbiguityMap, laser: RangeScanner) -> 
     return replace(result, lost=find_lost_routes(result.amap, hall, reach))
 
 
+@pytest.mark.slow
 def test_they_are_those_of_sampled_routes(examined: Audit) -> None:
     lost = examined.lost
     assert lost is not None

@@ -294,6 +294,7 @@ def test_pictures_show_what_does_not_count(amap, found):
         assert {"solid", "unknown"} <= set(labels)
 
 
+@pytest.mark.slow
 def test_shares_of_a_picture_are_of_what_counts(amap, found):
     labels = [t.get_text() for t in plot_zones(amap, parts=found.parts).get_legend().get_texts()]
     corridor = found.shares[2]

@@ -24,6 +24,7 @@ def pairs(places: list[complex], letter: str = "A", turn: float = 0.0) -> list[A
     ]
 
 
+@pytest.mark.slow
 @example(count=9, period=2.0, direction=0.0, seed=97)
 @given(
     count=st.integers(3, 9),

@@ -103,6 +103,7 @@ def check(path: Path, out: Path, message: str) -> None:
     assert found.stderr.startswith("ambinav: error: ") and found.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_no_way(scenario: Plain, tmp_path: Path) -> None:
     """That there is none is found out on the map, which is kept: it is whole."""
     scenario["planning"] = {"margin": 0.35}

@@ -107,6 +107,7 @@ def test_row() -> None:
     assert {type(value) for value in row.values()} == {int, float, bool, str}
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(st.integers(0, RUNS), st.integers(0, RUNS), st.floats(0.01, 2.0), st.floats(0.01, 2.0))
 def test_sides_can_be_changed(lost: int, other: int, error: float, wrong: float) -> None:

@@ -37,6 +37,7 @@ def test_a_plan_with_a_height_and_a_scanner_at_its_own(scenario: Plain, tmp_path
     assert read.scanner.upright[:, 0].tolist() == [0.4] * 24
 
 
+@pytest.mark.slow
 def test_a_building_model_in_space(scenario: Plain, tmp_path: Path) -> None:
     plan_models.two_storeys(tmp_path / "house.ifc")
     scenario |= {"environment": "house.ifc", "level": "Ground", "scanner_height": 0.3}

@@ -24,6 +24,7 @@ def rows_with(*floors: BadFloor) -> list[Row]:
     return [replace(row, floor=floor) for row, floor in zip(rows, floors, strict=True)]
 
 
+@pytest.mark.slow
 def test_each_zone_has_a_bar_and_its_longest_stretch_is_in_full_colour() -> None:
     axes = plot_overview(rows_with(*FLOORS), "a title").axes[-1]
     bars = {
@@ -43,6 +44,7 @@ def test_each_zone_has_a_bar_and_its_longest_stretch_is_in_full_colour() -> None
     assert axes.get_xlim()[1] > 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("walls", [0, 10])
 def test_nothing_overlaps(walls: int) -> None:
     cases = [

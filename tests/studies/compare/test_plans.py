@@ -50,6 +50,7 @@ def test_every_kind(scenario: dict[str, Any], tmp_path: Path) -> None:
         np.testing.assert_array_equal(first.route.poses, second.route.poses)
 
 
+@pytest.mark.slow
 def test_routes_are_planned_as_the_command_plan_plans(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -59,6 +59,7 @@ def rows_of_all() -> list[Row]:
     return make_rows(*zip(*CASES, strict=True), "shortest", 1)
 
 
+@pytest.mark.slow
 def test_rows() -> None:
     rows = rows_of_all()
     assert [(row.pair, row.route) for row in rows] == [
@@ -79,6 +80,7 @@ def test_rows() -> None:
     assert rows[-1]["lost"].value.value == 5.0 and rows[-1].runs == 2 * RUNS
 
 
+@pytest.mark.slow
 def test_a_row_does_not_depend_on_the_others() -> None:
     whole = rows_of_all()
     part = make_rows(*zip(*CASES[:2], strict=True), "shortest", 1)
@@ -135,6 +137,7 @@ def planned(case: tuple[Plan, Results], *floor: float) -> tuple[Plan, Results]:
     return replace(one, route=route), found
 
 
+@pytest.mark.slow
 def test_corridor_and_open_zones_are_distinguished() -> None:
     floors = [
         (12.0, 8.0, 4.0, 3.5),

@@ -165,6 +165,7 @@ def test_a_looser_loss_takes_no_more_beams(beams: int) -> None:
     assert counts[0] > counts[-1]
 
 
+@pytest.mark.slow
 def test_where_no_beam_can_go_all_are_kept() -> None:
     full = scanner(5)
     sample, check = samples(full, places=60)

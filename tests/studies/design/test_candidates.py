@@ -48,6 +48,7 @@ def pieces(env: Environment, outlines: list[shapely.Polygon]) -> tuple[int, np.n
     return int((sizes * CELL**2 > 0.05).sum()), wide
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["post", "panel"])
 def test_no_candidate_closes_a_passage(kind: str) -> None:
     env = building()
@@ -87,6 +88,7 @@ def test_free_standing_obstacles_keep_off_walls_and_each_other() -> None:
         assert apart(first, other, PASSAGE) == (gap > PASSAGE)
 
 
+@pytest.mark.slow
 def test_tags_are_flat_on_walls() -> None:
     env = building()
     found = drawn(PlaceRules(kind="tag", width=0.4, reflective=True))
@@ -100,6 +102,7 @@ def test_tags_are_flat_on_walls() -> None:
         )
 
 
+@pytest.mark.slow
 def test_nothing_stands_on_a_frontier_or_on_a_route() -> None:
     env = environment_from_shapes(
         [shapely.box(0, 0, 8, 4)], openings=[shapely.LineString([(0, 0), (8, 0)])]
@@ -146,6 +149,7 @@ def test_no_place_is_said() -> None:
         Positions(env, PlaceRules(), np.empty((0, 2)), 4.0, room_for(env, 0.2))
 
 
+@pytest.mark.slow
 def test_a_corridor_narrower_than_the_passage_stays_open_for_the_robot() -> None:
     halls = [shapely.box(-3, -2, 0, 2), shapely.box(0, 0, 14, 0.8), shapely.box(14, -2, 17, 2.5)]
     env, bad = environment_from_shapes(halls), np.array([[2.0, 0.4], [7.0, 0.4], [12.0, 0.4]])
@@ -169,6 +173,7 @@ def test_few_candidates_are_some(kind: str) -> None:
         assert 1 <= len(places) <= most
 
 
+@pytest.mark.slow
 def test_more_pillars_than_candidates_have_candidates_on_some() -> None:
     pillars = [
         shapely.box(x, y, x + 1.5, y + 1.5) for x in range(2, 60, 4) for y in range(2, 60, 4)

@@ -85,6 +85,7 @@ def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
     assert effects.badness.cost == pytest.approx(taken.after.cost, rel=0.02)
 
 
+@pytest.mark.slow
 def test_aged_buildings_need_a_generator(helped: Remedy) -> None:
     with pytest.raises(InputError, match="cannot be drawn without rng"):
         place_obstacles(
@@ -108,6 +109,7 @@ def test_pairs_are_all_tried(helped: Remedy) -> None:
     assert 0.6 < found.share <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("ortools") is None, reason="OR-Tools is not installed")
 def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
     effects, trials = without(helped), helped.trials
@@ -123,6 +125,7 @@ def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
     assert found.greedy <= found.covered
 
 
+@pytest.mark.slow
 def test_gains_are_compared_by_their_definition(helped: Remedy) -> None:
     found = measured(without(helped), helped.trials, PASSAGE, np.random.default_rng(2))
     assert found.samples > 5
@@ -133,6 +136,7 @@ def test_gains_are_compared_by_their_definition(helped: Remedy) -> None:
     assert sum(round(value, 9) in alone for value in found.without.tolist()) >= found.samples // 2
 
 
+@pytest.mark.slow
 def test_the_document_says_what_was_found(helped: Remedy) -> None:
     report = document(helped, 3)
     assert report.format == "ambinav-design-place/1"
@@ -193,6 +197,7 @@ def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(
     assert all(one.share is not None for one in document(helped, 3).optima)
 
 
+@pytest.mark.slow
 def test_gains_are_told_in_square_metres(helped: Remedy) -> None:
     told = Violations(np.array([0.0004, 2.0, 1.0]), np.array([1.5, 1.0, 1.02]))
     assert (told.samples, told.grown) == (3, 1)
@@ -261,6 +266,7 @@ def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
         find(3, rules=PlaceRules(min_passage=8.0, free_standing=False, most=18))
 
 
+@pytest.mark.slow
 def test_the_audit_says_how_many_posts_suffice(helped: Remedy) -> None:
     from ambinav.studies.audit.post_search import PostSearch, posts_part
 

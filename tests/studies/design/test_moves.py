@@ -21,6 +21,8 @@ from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Remedy, place_obstacles
 from tests.drive.cases import laser
 
+pytestmark = pytest.mark.slow  # they share maps that take seconds
+
 PASSAGE = 0.9
 
 
@@ -61,7 +63,6 @@ def test_no_move_on_a_fine_grid_gains(hall: Remedy) -> None:
     assert hall.placement.exchanged >= 1
 
 
-@pytest.mark.slow
 def test_moves_only_ever_gain(hall: Remedy) -> None:
     effects, found = bare(hall), positions(hall)
     every, step = found.spread()
@@ -75,7 +76,6 @@ def test_moves_only_ever_gain(hall: Remedy) -> None:
         assert apart(*moved, PASSAGE)
 
 
-@pytest.mark.slow
 def test_gains_are_those_of_the_whole_building(hall: Remedy) -> None:
     """Kept for the obstacles nearby alone: for a far third one, nothing is computed again."""
     effects = bare(hall)

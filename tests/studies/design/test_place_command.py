@@ -155,6 +155,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(folder, arguments, said) -> Non
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_nothing(folder, monkeypatch) -> None:
     from ambinav.studies.design.place.effect import Effects
 

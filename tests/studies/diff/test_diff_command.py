@@ -116,6 +116,7 @@ def test_the_picture_shows_worse_red_and_better_blue(folder):
     assert area["blue"] > 1.5 * area["red"] > bar  # 6 m2 better, 2 m2 worse, and the colour bar
 
 
+@pytest.mark.slow
 def test_two_scanners_in_one_building(folder):
     (folder / "long.yaml").write_text(SCANNER.replace("max_range: 2.0", "max_range: 12.0"))
     result = run(
@@ -171,6 +172,7 @@ def test_help_shows_an_example():
     assert "Example: ambinav diff before.zarr after.zarr" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "given",
     [

@@ -43,6 +43,7 @@ def files_in(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_maps_built_apart(sites: Path, tmp_path: Path) -> None:
     from pyarrow import parquet
 
@@ -69,6 +70,7 @@ def test_figures_are_those_of_maps_built_apart(sites: Path, tmp_path: Path) -> N
     assert fleet.document.figures[0].model_dump() == rows[0]
 
 
+@pytest.mark.slow
 def test_order_and_place_change_no_byte(sites: Path, tmp_path: Path) -> None:
     audited(sites, tmp_path / "out")
     wanted = content(files_in(tmp_path / "out"))

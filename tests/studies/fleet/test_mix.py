@@ -22,6 +22,7 @@ def row(site: str, scanner: str, bad: float | None) -> FleetFigures:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(
     sites=st.integers(1, 5),
     scanners=st.integers(2, 4),

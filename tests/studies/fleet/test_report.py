@@ -90,6 +90,7 @@ def audit(sites: Path, out: Path, *words: str) -> Result:
     return run("audit", sites, *scanners, *options, "-o", out, *words)
 
 
+@pytest.mark.slow
 def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     plain = audit(sites, out)
@@ -134,6 +135,7 @@ def test_parts_write_results_and_the_last_command_the_report(sites: Path, tmp_pa
     assert audit(sites, out, "--batch", "3").exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_difference_lists_what_became_of_each_site(sites: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "a", tmp_path / "b"
     audited(sites, first)

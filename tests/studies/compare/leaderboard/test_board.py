@@ -163,6 +163,7 @@ def test_what_changes_the_episodes_changes_their_key() -> None:
     assert small(room()).key(setting, method) in keys
 
 
+@pytest.mark.slow
 def test_episodes_in_files(tmp_path: Path) -> None:
     board = small(room(), methods=planner_methods([])[:1])
     found = board_module.run(board, tmp_path, lambda text: lambda share: None)

@@ -59,6 +59,7 @@ def test_exposure_per_metre_is_of_all_metres_as_in_the_summary() -> None:
     assert still["exposure"].value.count == 0 and value_text(still["exposure"]) == "-"
 
 
+@pytest.mark.slow
 def test_episodes_of_one_building_say_less() -> None:
     """Of 10 buildings 5 are bad ones: 200 episodes say hardly more than 10 would."""
     lost = np.arange(200) % 10 < 5

@@ -44,6 +44,7 @@ def test_the_score_is_the_share_of_the_room() -> None:
         assert (found.scores[name].low, found.scores[name].high) == (value, value)
 
 
+@pytest.mark.slow
 def test_the_interval_is_that_of_pairs_drawn_one_by_one() -> None:
     rng = np.random.default_rng(5)
     blind, true_pose, ours = (rng.random((3, 100)) < np.array([[0.3], [0.95], [0.7]])).astype(float)

@@ -101,6 +101,7 @@ def test_a_report_on_lost_robots_is_written(folder) -> None:
         assert "{{" not in document
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [(), ("--keep-out", "all.wkt")])
 def test_scanners_alone_that_do_not_meet_it_end_with_status_3(folder, more) -> None:
     # Without obstacles there is nothing to keep off the zones.

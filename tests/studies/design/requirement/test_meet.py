@@ -202,6 +202,7 @@ def test_the_same_input_gives_the_same_bytes(longer) -> None:
     assert first == second
 
 
+@pytest.mark.slow
 def test_obstacles_stay_off_the_zones(longer) -> None:
     zone = shapely.box(2, 0, 9, 7)
     found = solve(longer, "bad < 1 %", "posts=2", keep_out=zone)

@@ -311,6 +311,7 @@ def test_places_that_are_none_are_refused(tmp_path, text: str, said: str) -> Non
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_the_example_of_places_can_be_read() -> None:
     trips = read_trips(Path(__file__).parents[4] / "configs" / "places-example.yaml")
     environment = an.load_environment(an.DEMO_BUILDING)

@@ -51,6 +51,7 @@ def test_the_bad_area_is_that_of_an_audit_to_the_last_bit(hall, scanners, table,
     assert row.counted_area == found.area
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["short", "ring"])
 def test_the_bad_area_is_the_cells_counted_by_hand(hall, scanners, table, tmp_path, name):
     build_map(hall, scanners[name], SPACING, store=False).save(tmp_path / "map.zarr")
@@ -67,6 +68,7 @@ def test_the_bad_area_is_the_cells_counted_by_hand(hall, scanners, table, tmp_pa
     assert row.bad_area == pytest.approx(bad * SPACING**2, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_neither_order_nor_repetition_plays_a_part(hall, scanners, routes, costs, table):
     every = list(scanners.values())
     again = compare_scanners(

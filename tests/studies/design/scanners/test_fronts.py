@@ -12,6 +12,7 @@ from ambinav.studies.design.scanners.fronts import Front
 FIGURE = st.integers(0, 6).map(float)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(FIGURE, FIGURE), min_size=1, max_size=9), st.randoms())
 def test_dominated_is_who_has_a_better_one(figures, random):
     values = [(f"scanner {i}", bad, cost) for i, (bad, cost) in enumerate(figures)]

@@ -103,6 +103,7 @@ def test_sampled_routes_can_be_given_again(sampled, tmp_path):
         assert sum(again.zone_metres.values()) == pytest.approx(again.length)
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_what_was_there(table, tmp_path):
     def stop(share: float) -> None:
         raise KeyboardInterrupt

@@ -64,6 +64,7 @@ def is_picture(path: Path) -> bool:
         return min(picture.size) > 300 and len(set(picture.convert("L").tobytes())) > 4
 
 
+@pytest.mark.slow
 def test_a_report_of_one_variation(folder: Path) -> None:
     result = run("--vary", "aperture=60:360:150", "--places", "60", "-o", "out")
     assert result.exit_code == 0, result.output
@@ -176,6 +177,7 @@ def test_a_plan_with_a_height(folder: Path) -> None:
     assert report.present.mean == pytest.approx(mean, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_mesh(folder: Path) -> None:
     parts = [box(*ROOM), *(box(*table) for table in TABLES)]
     lines = [f"v {x} {y} {z}" for vertices, _ in parts for x, y, z in vertices.tolist()]

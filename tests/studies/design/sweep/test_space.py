@@ -60,6 +60,7 @@ def check_against_maps(env: an.Environment, found: SweepResult) -> None:
 # -- an extruded plan is the plan --------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vary", ["aperture=60,120", "yaw=0.5:180.5:90"])
 def test_a_level_scanner_has_the_figures_of_the_plan(vary: str) -> None:
     plan = scenes.scene(5, size=4.0, blocks=3, thin=1)
@@ -120,6 +121,7 @@ def test_settings_along_a_route() -> None:
     check_against_maps(mesh, found)
 
 
+@pytest.mark.slow
 def test_settings_in_a_building_model(tmp_path: Path) -> None:
     house = plan_models.two_storeys(tmp_path / "house.ifc")
     env = an.load_environment(house, level=0, in_space=True)

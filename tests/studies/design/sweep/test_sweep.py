@@ -53,6 +53,7 @@ def test_settings_are_the_maps_of_their_scanners() -> None:
         assert outcome.figures.worst == pytest.approx(float(np.nanmax(level)), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_setting_that_looks_all_around_is_the_map_without_headings() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
     found = sweep_scanner(env, FAN, ["aperture=90,360"], places=0)
@@ -292,6 +293,7 @@ def test_twins_are_one_setting() -> None:
     assert found.present_is_best == (found.order[0] == 1)
 
 
+@pytest.mark.slow
 def test_a_criterion_without_interval_ties_only_with_what_is_equal() -> None:
     env = scenes.scene(4, size=8.0, blocks=5, thin=2)
     found = sweep_scanner(env, FAN, ["aperture=60,120,180"], places=50, criterion="p95")
@@ -299,6 +301,7 @@ def test_a_criterion_without_interval_ties_only_with_what_is_equal() -> None:
     assert len(found.as_good) == values.count(min(values))
 
 
+@pytest.mark.slow
 def test_of_equals_by_the_criterion_the_lower_mean_is_best() -> None:
     # In the middle of a hall that no beam crosses the worst level is 1, whatever looks.
     env = scenes.room(14.0, 14.0)
