@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.calibrate import calibrate, raw_shares
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.forecasting.localizer_class import LocalizerClass
@@ -82,10 +81,16 @@ def test_one_gain_is_one_filter() -> None:
         replace(WIDE, gain_spread=0.5)
 
 
-def test_a_search_within_a_share_needs_one_gain(demo_map: AmbiguityMap) -> None:
+@pytest.mark.slow
+def test_routes_within_a_share_are_found_among_those_of_several_weights(
+    demo_map: AmbiguityMap,
+) -> None:
+    """The search within a share is for one gain."""
     pytest.importorskip("ompl")
     from ambinav_planners import RoutePlanner, route_within
 
-    forecaster = Forecaster(demo_map, OdometryNoise(), WIDE)
-    with pytest.raises(InputError, match="'wide' has several gains"):
-        route_within(RoutePlanner(demo_map), (9.0, 16.0), (20.5, 21.0), forecaster, 0.05)
+    forecaster = Forecaster(demo_map, "poor", WIDE)
+    shortest = forecaster(RoutePlanner(demo_map).plan((3.0, 3.0), (42.0, 20.0), weight=0.0))
+    most = 0.5 * shortest.lost_probability
+    promise = route_within(RoutePlanner(demo_map), (3.0, 3.0), (42.0, 20.0), forecaster, most)
+    assert forecaster(promise.route).lost_probability <= most
