@@ -154,21 +154,27 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("odometry", [["--odometry", "amcl-default"], ["--odometry-scale", "1"]])
+@pytest.mark.parametrize(
+    ("odometry", "start", "std"),
+    [
+        (["--odometry", "amcl-default"], ["--start-std", "0.3"], 0.3),
+        (["--odometry-scale", "1"], [], 0.1),
+    ],
+)
 def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
-    folder: Path, odometry: list[str]
+    folder: Path, odometry: list[str], start: list[str], std: float
 ) -> None:
     budget = ["--planner", "belief", "--seed", "3", "--time", "60", "--iterations", "150"]
-    belief = [*budget, "--start-std", "0.3", "--verify", "0.5"]
+    belief = [*budget, *start, "--verify", "0.5"]
     words = ["plan", "map.zarr", *ENDS, "-o", "new.csv", *belief, *odometry, "--json"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code in (0, 3), result.output
     (figures,) = json.loads(result.stdout)["routes"].values()
     amap, route = an.AmbiguityMap.open(folder / "map.zarr"), load_route(folder / "new.csv")
     noise = OdometryNoise(scale=1.0)
-    known = an.forecast(amap, route, noise, start_std=(0.3, 0.3, 0.05))
+    known = an.forecast(amap, route, noise, start_std=(std, std, 0.05))
     assert figures["lost_probability"] == pytest.approx(known.lost_probability, abs=1e-6)
-    model = BeliefModel(start_std=(0.3, 0.3, 0.05))
+    model = BeliefModel(start_std=(std, std, 0.05))
     planner = RoutePlanner(an.AmbiguityService(amap), belief=model, odometry=noise)
     again = planner.plan(
         (9, 21), (28, 17), planner_name="belief", seed=3, seconds=60.0, iterations=150

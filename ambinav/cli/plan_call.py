@@ -178,7 +178,7 @@ class PlanCall:
     def _forecaster(self, amap: AmbiguityMap, routes: Sequence[Route] = ()) -> Forecaster:
         """Return the forecaster of the localizer on some routes, if it may be driven."""
         around = (list(routes),) if routes else ()
-        forecaster = self.forecast.forecaster(amap, *around, **self.belief.of_forecast())
+        forecaster = self.forecast.forecaster(amap, *around, **self.belief.of_forecast(self.search))
         self.promise.check_trust(forecaster.localizer, self.trust)
         return forecaster
 

@@ -353,10 +353,12 @@ class BeliefOptions:
             noise = odometry_of(odometry)
         return {"belief": model, "odometry": noise}
 
-    def of_forecast(self) -> dict[str, Any]:
-        """Return what a forecast takes from these options, as arguments of `Forecaster`."""
-        std = self.start_std
-        given = {"odometry": self._noise(), "start_std": None if std is None else self._start(std)}
+    def of_forecast(self, search: SearchOptions) -> dict[str, Any]:
+        """Return what a forecast of the planner's route takes, as arguments of `Forecaster`."""
+        if not search.has_belief:
+            return {}
+        start = self.arguments(None)["belief"].start_std
+        given = {"odometry": self._noise(), "start_std": start}
         return {name: value for name, value in given.items() if value is not None}
 
     def odometry_text(self, named: str) -> str:
