@@ -53,9 +53,9 @@ from ambinav.forecasting.calibrate import (
     skill_ceiling,
     skill_interval,
 )
-from ambinav.forecasting.gain_mixture import forecast_poses
+from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
-from ambinav.forecasting.localizer_class import ECHO_GAINS, KALMAN_SPREAD, LocalizerClass
+from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
 from ambinav.localization.parameters import MclParameters
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -155,10 +155,7 @@ def to_fit(name: str) -> LocalizerClass:
     """Return a class before its fit."""
     driven: dict[str, Any] = REGISTERED[name]
     begin = LocalizerClass(name=name, title=TITLES[name], gain=0.25, **driven)
-    chosen = begin.chosen(scanner_of("laser-4m"), OdometryNoise())
-    parameters = chosen.parameters
-    if chosen.spec.name == "ekf":
-        return replace(begin, gain_spread=KALMAN_SPREAD)
+    parameters = begin.chosen(scanner_of("laser-4m"), OdometryNoise()).parameters
     if not isinstance(parameters, MclParameters):
         return begin
     return replace(begin, echo_gain=ECHO_GAINS.get(parameters.laser_model_type))
@@ -295,8 +292,7 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
     return "\n\n".join(
         [
             table(header, rows),
-            f"Class: gain {found.gain:.3g}, gain_spread {found.gain_spread:.3g}, "
-            f"turn_gain {found.turn_gain:.3g}, offset "
+            f"Class: gain {found.gain:.3g}, turn_gain {found.turn_gain:.3g}, offset "
             f"{found.offset:.2f}, slope {found.slope:.2f}. The three buildings that lose most have "
             f"{100.0 * three:.0f} % of the losses. Skill more than the longest stretch times "
             f"odometry, paired: {better}.",
@@ -378,9 +374,10 @@ def coverage(localizer: LocalizerClass, cases: list[Case]) -> str:
     distances: dict[str, list[Floats]] = {}
     for case in cases:
         driven = case.driven
-        covariance, _ = forecast_poses(
-            driven.field, driven.poses, np.array([0, len(driven.poses)]), start, driven.noise,
-            settings,
+        covariance, lost = np.empty((len(driven.poses), 3, 3)), np.empty(len(driven.poses))
+        forecast_rows(
+            0, 1, np.array([0, len(driven.poses)]), driven.poses, start, driven.field.fields,
+            driven.field.lattice, driven.noise.packed, settings, covariance, lost,
         )  # fmt: skip
         tracked = ~(case.distance[None] >= np.nan_to_num(case.lost_at, nan=np.inf)[:, None])
         error = case.error[..., :2].astype(np.float64)

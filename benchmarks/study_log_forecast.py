@@ -137,7 +137,7 @@ def forecast_scans(log: Log, forecaster: Forecaster) -> tuple[Floats, Floats]:
     for k in range(1, log.scans):
         metres = max(float(np.hypot(*(poses[k] - poses[k - 1])[:2])), 1e-6)
         # The log has one scan here, however far the robot has come: one update.
-        settings = forecaster.settings[0]._replace(distance=metres, angle=math.inf)
+        settings = forecaster.settings._replace(distance=metres, angle=math.inf)
         outside, tracked = filter_step(
             poses[k - 1], poses[k], cov, whole, outside, tracked, forecaster.field.fields,
             forecaster.field.lattice, forecaster.odometry.packed, settings, predicted, room,

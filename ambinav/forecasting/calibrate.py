@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.gain_mixture import forecast_poses
+from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
 from ambinav.runtime.errors import InputError
@@ -29,8 +29,8 @@ from ambinav.runtime.threads import share
 Floats = NDArray[np.float64]
 
 FOLDS = 5
-# Of a search: evaluations for each gain, and the size of its first steps in their logarithms.
-EVALUATIONS, FIRST_STEP = 30, 0.7
+# Of a search: evaluations, and the size of its first steps in the logarithm of a gain.
+EVALUATIONS, FIRST_STEP = 60, 0.7
 # Logarithms of gains, at least and at most: of a position, sums of beams gain 1/5000 of a scan.
 LOW_GAIN, HIGH_GAIN = -12.0, 10.0
 
@@ -93,7 +93,7 @@ def calibrate(
 
     Args:
         localizer: Name, title, intervals between updates, `echo_gain`, which is kept, and gains to
-            begin with; a `gain_spread` of 1 is kept too.
+            begin with.
         routes: Drives in at least as many buildings as folds.
         rng: Draws the folds and the intervals.
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
@@ -141,16 +141,18 @@ def calibrate(
 def raw_shares(localizer: LocalizerClass, routes: Sequence[DrivenRoute], start: Floats) -> Floats:
     """Return lost shares before calibration, shape (K,); `start` is the first covariance."""
     settings = localizer.settings(LOST_POSITION, LOST_HEADING)
+    longest = max((len(route.poses) for route in routes), default=0)
     out = np.empty(len(routes))
 
     def forecast_some(low: int, high: int) -> None:
+        covariance, lost = np.empty((longest, 3, 3)), np.empty(longest)
         for i in range(low, high):
-            route = routes[i]
-            _, lost = forecast_poses(
-                route.field, route.poses, np.array([0, len(route.poses)]), start, route.noise,
-                settings,
+            route, count = routes[i], len(routes[i].poses)
+            forecast_rows(
+                0, 1, np.array([0, count]), route.poses, start, route.field.fields,
+                route.field.lattice, route.noise.packed, settings, covariance, lost,
             )  # fmt: skip
-            out[i] = lost[-1]
+            out[i] = lost[count - 1]
 
     share(forecast_some, len(routes), least=16)
     return out
@@ -195,23 +197,18 @@ def _fitted(
     """Return the class with the gains and odds that make the drives most likely."""
     shares = np.array([route.lost / route.runs for route in routes])
 
-    names = ["gain", "turn_gain"]
-    if localizer.gain_spread > 1.0:
-        names.append("gain_spread")
-
     def search(begin: LocalizerClass) -> LocalizerClass:
         def of(gains: Floats) -> LocalizerClass:
-            fitted = np.exp(np.clip(gains, LOW_GAIN, HIGH_GAIN)).tolist()
-            return replace(begin, **dict(zip(names, fitted, strict=True)))
+            gain, turn_gain = np.exp(np.clip(gains, LOW_GAIN, HIGH_GAIN)).tolist()
+            return replace(begin, gain=gain, turn_gain=turn_gain)
 
         def loss(gains: Floats) -> float:
             odds = log_odds(raw_shares(of(gains), routes, start))
             return float(minimize(_loss, np.array([0.0, 0.0]), (odds, shares), jac=True).fun)
 
-        first = np.log([getattr(begin, name) for name in names])
-        simplex = np.vstack([first, first + FIRST_STEP * np.eye(len(names))])
-        evaluations = EVALUATIONS * len(names)
-        options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-5}
+        first = np.log([begin.gain, begin.turn_gain])
+        simplex = np.vstack([first, first + FIRST_STEP * np.eye(2)])
+        options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-5}
         return of(minimize(loss, first, method="Nelder-Mead", options=options).x)
 
     fitted = search(replace(localizer, echo_gain=None))

@@ -18,8 +18,7 @@ from ambinav.drive.odometries import odometry_of
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import Cause, causes_of
 from ambinav.forecasting.ensemble import EnsembleRunner, LostRule
-from ambinav.forecasting.filter_kernel import updates_apart
-from ambinav.forecasting.gain_mixture import forecast_poses
+from ambinav.forecasting.filter_kernel import forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.geometry.environment import Environment
@@ -29,6 +28,7 @@ from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class Forecaster:
         localizer: The class of localizer.
         field: Information of the map's scans.
         start: Covariance at the start of routes, shape (3, 3).
-        settings: Localizer and limits, for the kernels; of each of the localizer's gains.
+        settings: Localizer and limits, for the kernels.
 
     Raises:
         InputError: a name is unknown, a number is not above 0, a robot would start beyond the
@@ -188,11 +188,10 @@ class Forecaster:
     @property
     def lost_rule(self) -> LostRule:
         """When a driven robot is lost by the same limits."""
-        own = self.settings[0]
-        across = own.lateral_limit
+        across = self.settings.lateral_limit
         return LostRule(
-            own.position_limit,
-            own.heading_limit,
+            self.settings.position_limit,
+            self.settings.heading_limit,
             lateral=None if math.isinf(across) else across,
         )
 
@@ -290,10 +289,13 @@ class Forecaster:
     def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
         self._check(poses, first)
-        return forecast_poses(
-            self.field, poses, first.astype(np.int64), self.start, self.odometry, self.settings,
-            threads=True,
+        covariance, lost = np.empty((len(poses), 3, 3)), np.empty(len(poses))
+        run_rows(
+            forecast_rows, len(first) - 1, first.astype(np.int64), poses, self.start,
+            self.field.fields, self.field.lattice, self.odometry.packed, self.settings,
+            covariance, lost, least=8,
         )  # fmt: skip
+        return covariance, lost
 
 
 def forecast(

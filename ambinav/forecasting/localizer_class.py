@@ -46,8 +46,6 @@ _EXAMPLE: Final = "a mapping with name, gain, slope and offset"
 ECHO_GAINS: Final = {"likelihood_field_prob": 8000.0, "likelihood_field": 500.0}
 """`LocalizerClass.echo_gain` by the laser's model: with these, forecasts agree with drives where
 few beams return an echo (benchmarks/study_few_echoes.py), and elsewhere they fit as well."""
-KALMAN_SPREAD: Final = 40.0
-"""`LocalizerClass.gain_spread` with which the fit of a Kalman filter begins."""
 # Probabilities nearer to 0 or 1 count as so near: their log odds are finite.
 LEAST_PROBABILITY: Final = 1e-6
 
@@ -60,9 +58,6 @@ class LocalizerClass:
         name: What `--localizer` calls it.
         title: What reports call it.
         gain: Factor on a scan's information in an update.
-        gain_spread: From 1 on. A third of the robots each gain `gain` divided by this, `gain`, and
-            `gain` times this: scans are worth very different shares to a Kalman filter, from place
-            to place and from run to run. At 1 all gain the same.
         turn_gain: Factor on that about the heading, beside `gain`.
         echo_gain: Of a localizer that passes over beams without an echo, what echoes tell at most:
             the information about a position, 1/m^2, of an update whose beams all end on one wall,
@@ -84,7 +79,6 @@ class LocalizerClass:
     name: str
     title: str
     gain: Positive
-    gain_spread: Positive = 1.0
     turn_gain: Positive = 1.0
     echo_gain: Positive | None = None
     distance: Positive = 0.25
@@ -97,10 +91,6 @@ class LocalizerClass:
 
     def __post_init__(self) -> None:
         check_fields(self, f"localizer {self.name!r}")
-        if self.gain_spread < 1.0:
-            raise InputError(
-                f"localizer {self.name!r}: gain_spread is {self.gain_spread:g}; give 1 or more."
-            )
 
     @classmethod
     def load(cls, which: str | Path | LocalizerClass) -> LocalizerClass:
@@ -192,20 +182,12 @@ class LocalizerClass:
 
     def settings(
         self, position_limit: float, heading_limit: float, lateral_limit: float | None = None
-    ) -> tuple[FilterSettings, ...]:
-        """Return what the filter's kernels take, for each of the gains, the largest first.
-
-        Limits are in metres and radians.
-        """
+    ) -> FilterSettings:
+        """Return what the filter's kernels take; limits in metres and radians."""
         across = math.inf if lateral_limit is None else lateral_limit
-        echo_gain = math.inf if self.echo_gain is None else self.echo_gain
-        factors = (self.gain_spread, 1.0, 1.0 / self.gain_spread)
-        return tuple(
-            FilterSettings(
-                factor * self.gain, self.turn_gain, self.distance, self.angle, position_limit,
-                across, heading_limit, echo_gain,
-            )
-            for factor in (factors if self.gain_spread > 1.0 else (1.0,))
+        return FilterSettings(
+            self.gain, self.turn_gain, self.distance, self.angle, position_limit, across,
+            heading_limit, math.inf if self.echo_gain is None else self.echo_gain,
         )  # fmt: skip
 
     def calibrated(self, raw: Floats) -> Floats:

@@ -22,7 +22,7 @@ from ambinav.drive.robot import Robot
 from ambinav.forecasting.calibrate import FOLDS, Calibration, DrivenRoute, calibrate
 from ambinav.forecasting.forecast import START_STD
 from ambinav.forecasting.kept_drives import KeptDrives
-from ambinav.forecasting.localizer_class import ECHO_GAINS, KALMAN_SPREAD, LocalizerClass
+from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
 from ambinav.forecasting.study_drives import (
     RATE,
     Driver,
@@ -95,8 +95,6 @@ def uncalibrated(name: str, plain: Mapping[str, Any] | str) -> LocalizerClass:
     chosen = chosen_localizer(plain, OdometryNoise(), Robot(), RATE)
     title = chosen.spec.title if isinstance(plain, str) else chosen.title
     begin = LocalizerClass(name=name, title=title, gain=0.25, localizer=plain)
-    if chosen.spec.name == "ekf":
-        return replace(begin, gain_spread=KALMAN_SPREAD)
     if not isinstance(chosen.parameters, MclParameters):
         return begin
     # 0 takes in every scan.

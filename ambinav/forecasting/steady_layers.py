@@ -111,29 +111,27 @@ def steady_state(
     )
     doublings = max(math.ceil(math.log2(metres / kind.distance)), 0)
     driven = (1 + 2**doublings) * kind.distance
-    mixture = kind.settings(LOST_POSITION, LOST_HEADING)
+    settings = kind.settings(LOST_POSITION, LOST_HEADING)
     around = 2.0 * math.pi * np.arange(count) / count
     shape = len(context.points[0]), len(context.headings)
     spread, rate = np.empty((*shape, 3)), np.full(shape, math.nan)
     gained = np.empty((shape[0], 3, 3))
     for k in range(shape[1]):
         headings = context.headings[k : k + 1] if context.has_theta else around
-        each = np.empty((len(mixture), shape[0], len(headings), 3))
-        lost = np.empty((len(mixture), shape[0], len(headings) if loses else 0))
-        for i, settings in enumerate(mixture):
-            run_rows(
-                gained_rows, shape[0], context.poses(k), field.fields, field.lattice, settings,
-                gained, least=256,
-            )  # fmt: skip
-            run_rows(
-                steady_rows, shape[0], gained, headings,
-                np.diag(np.square(START_STD)), noise.packed, settings, doublings, each[i], lost[i],
-                least=64,
-            )  # fmt: skip
-        spread[:, k] = each[0].mean(axis=1)
+        run_rows(
+            gained_rows, shape[0], context.poses(k), field.fields, field.lattice, settings, gained,
+            least=256,
+        )  # fmt: skip
+        each = np.empty((shape[0], len(headings), 3))
+        lost = np.empty((shape[0], len(headings) if loses else 0))
+        run_rows(
+            steady_rows, shape[0], gained, headings,
+            np.diag(np.square(START_STD)), noise.packed, settings, doublings, each, lost,
+            least=64,
+        )  # fmt: skip
+        spread[:, k] = each.mean(axis=1)
         if loses:
-            shares = kind.calibrated(lost.mean(axis=0))
-            rate[:, k] = -np.log1p(-shares.mean(axis=1)) / driven
+            rate[:, k] = -np.log1p(-kind.calibrated(lost).mean(axis=1)) / driven
     return spread, rate
 
 

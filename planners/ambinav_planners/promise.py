@@ -144,9 +144,8 @@ def route_within(
     )  # fmt: skip
     routes = [point.route for point in front.points]
     problem = robot.problem(start, goal, 0.0)
-    # A limit on bad metres in a row, one-way lanes and several gains are none of the search's.
-    searched = chosen == "reference" and len(forecaster.settings) == 1
-    if searched and problem.limit is None and problem.one_way is None:
+    # A limit on bad metres in a row, and one-way lanes, are none of the search's.
+    if problem.limit is None and problem.one_way is None and chosen == "reference":
         routes += _searched(problem, routes, forecaster, max_lost)
     candidates = _distinct(problem, routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]

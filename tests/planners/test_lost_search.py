@@ -37,7 +37,7 @@ def lost_on(graph: MotionGraph, forecaster: SimpleNamespace, motions: list[int])
         a[2] = b[2] = math.atan2(b[1] - a[1], b[0] - a[0])
         outside, tracked = filter_step(
             a, b, cov, whole, outside, tracked, forecaster.field.fields, forecaster.field.lattice,
-            forecaster.odometry.packed, forecaster.settings[0], predicted, room,
+            forecaster.odometry.packed, forecaster.settings, predicted, room,
         )  # fmt: skip
     return float(between(outside, 1.0 - tracked))
 
@@ -52,7 +52,7 @@ def test_between_the_shortest_paths_of_nearby_shares(
     """No path that keeps to the share is shorter, and one that keeps to far less is no longer."""
     forecaster = SimpleNamespace(
         field=random_information(np.random.default_rng(seed)), start=np.diag([0.01, 0.01, 0.003]),
-        odometry=OdometryNoise(scale=1.0), settings=(SETTINGS,), localizer=RAW,
+        odometry=OdometryNoise(scale=1.0), settings=SETTINGS, localizer=RAW,
     )  # fmt: skip
     goal, longest = len(graph.poses) - 1, 6.0
     least, surely = math.inf, math.inf

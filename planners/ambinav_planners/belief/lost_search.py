@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from ambinav.forecasting.filter_kernel import axes, between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.runtime.arrays import copy_into
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.costs_to_go import cost_to_go
 from ambinav_planners.search.graph import MotionGraph
@@ -106,13 +105,8 @@ def search_within(
         The path, with its length as cost; None if none was found.
 
     Raises:
-        InputError: there is no such node, or the localizer has several gains.
+        InputError: there is no such node.
     """
-    if len(forecaster.settings) > 1:
-        raise InputError(
-            f"localizer {forecaster.localizer.name!r} has several gains (gain_spread), for which a "
-            "route within a lost share cannot be searched for; give one with a single gain."
-        )
     start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
     ahead = cost_to_go(graph, graph.fixed, goal)
     if not ahead[start] < longest:
@@ -122,7 +116,7 @@ def search_within(
     arrays = graph.arrays._replace(length=graph.fixed)
     motions, length, labels = _search(
         arrays, graph.poses, forecaster.start, field.fields, field.lattice,
-        forecaster.odometry.packed, forecaster.settings[0], terms, ahead, start, goal,
+        forecaster.odometry.packed, forecaster.settings, terms, ahead, start, goal,
     )  # fmt: skip
     return path_back(graph, start, motions, length, labels) if labels >= 0 else None
 
