@@ -249,12 +249,12 @@ class Forecaster:
         """Warn of a route through a wall, as of another building's."""
         dx, dy = np.diff(poses[:, :2], axis=0).T
         away = np.hypot(dx, dy)
-        if not away.any():
+        kinds = self._building.segments.kind
+        if not away.any() or not len(kinds):
             return
         x, y = poses[:-1, 0], poses[:-1, 1]
         echo, wall = self._building.cast_hits(x, y, np.arctan2(dy, dx), float(away.max()))
-        seen = self._building.segments.kind[wall] != FRONTIER
-        crossing = np.flatnonzero(seen & (echo < away - TOUCHING))
+        crossing = np.flatnonzero((kinds[wall] != FRONTIER) & (echo < away - TOUCHING))
         if len(crossing):
             k = crossing[0]
             warnings.warn(
