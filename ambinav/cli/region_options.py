@@ -31,7 +31,7 @@ KeepOut = Annotated[
     typer.Option(
         "--keep-out",
         metavar="FILE",
-        help="Polygons (.geojson or .wkt) in which no obstacle may stand.",
+        help="Polygons (.geojson or .wkt, metres in the map frame) in which no obstacle may stand.",
         show_default="none",
     ),
 ]

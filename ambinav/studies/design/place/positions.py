@@ -39,12 +39,13 @@ class Positions:
         bad: Points of bad floor, shape (N, 2), metres.
         sight: Range of the scanner, metres.
         floor: Floor that the robot reaches; free-standing obstacles stand on it.
-        routes: Lines that half of the passage is kept clear of on both sides.
+        routes: Lines that half of the passage is kept clear of on both sides, and places where the
+            robot must be able to stand.
         keep_out: Polygons that no obstacle may touch; None: there are none.
         robot_radius: Radius of the robot, metres, for which narrower passages stay open too.
 
     Raises:
-        InputError: no floor is bad.
+        InputError: no floor is bad, or the polygons lie beside the building.
     """
 
     def __init__(
@@ -71,6 +72,12 @@ class Positions:
         ]
         self._lines = shapely.MultiLineString(list(routes))
         self._kept_out = shapely.Polygon() if keep_out is None else keep_out
+        if keep_out is not None and not self._kept_out.intersects(shapely.box(*environment.bounds)):
+            west, south, east, north = (f"{value:.4g}" for value in environment.bounds)
+            raise InputError(
+                f"--keep-out: no polygon meets {environment.name}, which lies from x {west} to "
+                f"{east} and y {south} to {north}; give them in metres of the map frame."
+            )
         shapely.prepare([self._lines, self._kept_out])
         self._bad, self._sight = cKDTree(bad), sight
         self._sites = Sites(environment, rules, floor, wide.wide)

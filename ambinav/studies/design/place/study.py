@@ -163,6 +163,8 @@ def place_obstacles(
         for region in regions
         if region.route is not None
     ]
+    if reach.start is not None:
+        lines.append(shapely.LineString([reach.start, reach.start]))
     positions = Positions(
         environment, rules, bad, scanner.max_range, reach.floor, lines, keep_out, reach.radius
     )

@@ -140,6 +140,11 @@ def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
     left = [f"on {area:,.1f} m² {reason}" for area, reason in reasons if area >= 0.05]
     if left:
         remarks.append(f"Elsewhere it cannot: {', '.join(left)}.")
+    if layout.steps and after.good <= layout.before.good:
+        remarks.append(
+            f"The new reflectors add no floor on which it can navigate; where {rules.needed} must "
+            "be in view, give more of them, or a smaller --needed."
+        )
     if len(layout.steps) < asked:
         why = "no floor is left" if not left else "no further place helps"
         remarks.append(f"{len(layout.steps)} of {asked} new reflectors: {why}.")

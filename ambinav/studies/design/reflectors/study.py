@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
@@ -229,8 +230,9 @@ def _candidates(
     """Return places within range of floor where the robot cannot navigate yet."""
     points = np.column_stack(site.lattice.points)[wanting]
     far = site.rules.max_range or site.scanner.max_range
+    stops = [] if reach.start is None else [shapely.LineString([reach.start, reach.start])]
     allowed = Positions(
-        site.environment, positions, points, far, reach.floor, (), keep_out, reach.radius
+        site.environment, positions, points, far, reach.floor, stops, keep_out, reach.radius
     )
     return allowed.spread_evenly(positions.most)[0]
 

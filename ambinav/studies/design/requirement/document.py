@@ -181,7 +181,8 @@ def _summary(solution: Solution, trips: tuple[TripPart, ...]) -> str:
         return f"{wanted} holds already: nothing to do, at no cost; {figure}."
     if solution.met:
         return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
-    best = f"the best found is {changes}" if solution.steps else "no allowed change helps"
+    none = "no allowed change helps" if solution.budget is None else "no change within it helps"
+    best = f"the best found is {changes}" if solution.steps else none
     figure += _audited(solution)
     return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
 
@@ -203,7 +204,7 @@ def _figure(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     if not trips:
         before, after = _amount(solution.before.state), _amount(solution.after.state)
         figure = f"goes from {before} to {after}" if changed else f"stays {before}"
-        return f"bad floor of {name} {figure}"
+        return f"bad floor of {name} {figure}{_required(solution)}"
     before, after = worst_trip(trips, after=False), worst_trip(trips, after=True)
     figure = f"goes from {before} to {after}" if changed else f"stays {before}"
     text = f"the forecast share of lost robots on the worst trip through {name} {figure}"
@@ -212,6 +213,19 @@ def _figure(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     assert solution.requirement is not None
     holds = solution.requirement.holds(solution.after.state)
     return f"{text}, but drives do not confirm it" if holds else text
+
+
+def _required(solution: Solution) -> str:
+    """Return what the changes do to what is required, where that is not bad floor."""
+    required = solution.requirement
+    if required is None or required.condition.quantity.name.startswith("bad"):
+        return ""
+    quantity = required.condition.quantity
+    unit = "" if not quantity.unit else f" {quantity.unit}"
+    after = f"{required.value(solution.after.state):.3g}{unit}"
+    if not solution.steps:
+        return f", {quantity.name} stays {after}"
+    return f", {quantity.name} from {required.value(solution.before.state):.3g}{unit} to {after}"
 
 
 def _amount(state: State) -> str:

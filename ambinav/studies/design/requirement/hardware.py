@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 from ambinav.runtime.errors import InputError
@@ -57,7 +58,7 @@ def hardware_options(
         source: Names the costs in messages.
 
     Raises:
-        InputError: a listed scanner cannot be loaded.
+        InputError: a listed scanner cannot be loaded, or has the name of another one.
     """
     options = [Hardware("none", "", "", 0.0, scanner)]
     remarks = []
@@ -73,12 +74,21 @@ def hardware_options(
                 f"No other mount is tried: {scanner.name} looks all around or sits in the robot's "
                 "centre, or has several parts."
             )
+    names = [scanner.name]
     if allowed.scanner or allowed.second_scanner:
         for listed, cost in costs.scanner.items():
+            beside = Path(source).parent / listed
             try:
-                other = at_mount_of(scanner, RangeScanner.load(listed))
+                loaded = RangeScanner.load(beside if beside.is_file() else listed)
+                other = at_mount_of(scanner, loaded)
             except InputError as error:
                 raise InputError(f"{source}: scanner: {error}") from error
+            if other != scanner and other.name in names:
+                raise InputError(
+                    f"{source}: scanner: {listed} is called {other.name!r}, as another one is; "
+                    "give each a `name` of its own."
+                )
+            names.append(other.name)
             options += _with_listed(scanner, other, cost, allowed, costs.mount)
     options.sort(key=lambda option: option.cost)
     return tuple(options), tuple(remarks)
@@ -92,7 +102,7 @@ def _with_listed(
     mount_cost: float | None,
 ) -> Iterator[Hardware]:
     """Yield the changes to which a listed scanner leads."""
-    if allowed.scanner and other.name != scanner.name:
+    if allowed.scanner and other != scanner:
         reach = f"{other.max_range:g} m, {math.degrees(other.aperture):.0f}°"
         title = f"Use {other.name} ({reach}) instead of {scanner.name}"
         yield Hardware("scanner", other.name, title, cost, other)

@@ -150,7 +150,7 @@ class ChangeSearch:
         if hardware.cost > self.limit:
             reason = "costs more than the budget"
         elif self._is_dear(hardware.cost):
-            reason = "costs no less than the solution"
+            reason = "costs more than the solution"
         else:
             try:
                 state = State(hardware, (), hardware.cost, self._floor_of(hardware).areas())
@@ -351,6 +351,7 @@ class ChangeSearch:
             self.requirement is not None
             and payable
             and self.requirement.holds(state)
+            and self._is_better(state)
             and self.meets(self.mapped(state))
         ):
             self.best = state
@@ -364,12 +365,25 @@ class ChangeSearch:
             return None
 
     def _is_payable(self, cost: float) -> bool:
-        """Return whether a cost is within the budget and below that of the solution so far."""
+        """Return whether a cost is within the budget and not too dear."""
         return cost <= self.limit and not self._is_dear(cost)
 
+    def _is_better(self, state: State) -> bool:
+        """Return whether a state is cheaper than the solution so far, or as cheap and less bad."""
+        best = self.best
+        if best is None or state.cost < best.cost * (1.0 - SLACK):
+            return True
+        return state.bad < best.bad * (1.0 - SLACK)
+
     def _is_dear(self, cost: float) -> bool:
-        """Return whether a cost is no less than that of the solution so far."""
-        return self.best is not None and cost >= self.best.cost * (1.0 - SLACK)
+        """Return whether a cost is above that of the solution so far; for lost robots, no less.
+
+        At one cost the least bad floor is best. That of lost robots would need drives of each.
+        """
+        if self.best is None:
+            return False
+        slack = SLACK if self.forecaster is None else -SLACK
+        return cost > self.best.cost * (1.0 + slack)
 
     def _distance(self, state: State) -> float:
         if self.requirement is None:
