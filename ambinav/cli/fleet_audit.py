@@ -134,6 +134,11 @@ def audit_fleet(
         need("fleet audit", ("pyarrow",), "fleet")
         above_zero(spacing, "--spacing", "0.1")
         above_zero(radius, "--ambiguity-radius", "0.5")
+        if radius < spacing:
+            raise InputError(
+                f"--ambiguity-radius: {radius:g} m is less than a cell of {spacing:g} m "
+                "(--spacing); give at least that."
+            )
         above_zero(robot_radius, "--robot-radius", "0.2")
         place = Address.of(output)
         conditions = gate.conditions(place.folder)
@@ -211,8 +216,8 @@ def _judge(
             outcomes.append(outcome)
         else:
             why = (
-                f"cannot be checked at {len(lacking)} of {len(results)}, {names_of(lacking)}; see "
-                "why in the report."
+                f"cannot be checked at {len(lacking)} of {len(results)}, {names_of(lacking)}; of "
+                f"the first one: {lacking[0].error or 'no floor of it could be judged'}"
             )
             unchecked.append((condition, why))
     if any(outcome.holds for outcome in outcomes):

@@ -257,7 +257,7 @@ def _table(result: Difference) -> NDArray[np.float64]:
 
 def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:
     before, after = table.sum(axis=1), table.sum(axis=0)
-    totals = [max(float(areas[:COUNTED].sum()), 1e-12) for areas in (before, after)]
+    totals = [float(areas[:COUNTED].sum()) or math.inf for areas in (before, after)]
     return tuple(
         ZonePart(
             zone=name,

@@ -12,6 +12,7 @@ from ambinav.studies.diff.document import Document, LevelPart, ZonePart
 from ambinav.studies.diff.provenance import FILE
 from ambinav.studies.diff.regions import NOTABLE
 
+_NOT_JUDGED: Final = "because no floor counts in one of the maps; check what is known of it"
 _NO_LEVEL = "because no floor counts in both maps; give two maps of one building"
 
 
@@ -41,28 +42,39 @@ def _location(*kinds: str, after: str = "", before: str = "") -> Callable[[Docum
     return where
 
 
+def _judged(report: Document, value: float) -> float | None:
+    """Return a figure of the zones; None if no floor counts in one of the maps."""
+    areas = [(zone.before_m2, zone.after_m2) for zone in report.zones]
+    return value if all(sum(of_one) > 0.0 for of_one in zip(*areas, strict=True)) else None
+
+
 def _of_zone(name: str) -> Iterator[Quantity]:
     """Yield the figures of a zone."""
     yield Quantity(
         f"new {name} area", "m²", f"floor in the {name} zone after, and not before",
-        lambda report: _zone(report, name).new_m2, _location(after=name),
+        lambda report: _judged(report, _zone(report, name).new_m2), _location(after=name),
+        _NOT_JUDGED,
     )  # fmt: skip
     yield Quantity(
         f"lost {name} area", "m²", f"floor in the {name} zone before, and not after",
-        lambda report: _zone(report, name).lost_m2, _location(before=name),
+        lambda report: _judged(report, _zone(report, name).lost_m2), _location(before=name),
+        _NOT_JUDGED,
     )  # fmt: skip
     yield Quantity(
         f"{name} area change", "m²", f"area in the {name} zone after, minus that before",
-        lambda report: _zone(report, name).after_m2 - _zone(report, name).before_m2,
-        _location(after=name), least=-math.inf,
+        lambda report: _judged(
+            report, _zone(report, name).after_m2 - _zone(report, name).before_m2
+        ),
+        _location(after=name), _NOT_JUDGED, least=-math.inf,
     )  # fmt: skip
     yield Quantity(
         f"{name} change", "%",
         f"share of explored, reachable floor in the {name} zone after, minus that before, in "
         "percentage points",
-        lambda report: 100.0
-        * (_zone(report, name).after_share - _zone(report, name).before_share),
-        _location(after=name), least=-100.0,
+        lambda report: _judged(
+            report, 100.0 * (_zone(report, name).after_share - _zone(report, name).before_share)
+        ),
+        _location(after=name), _NOT_JUDGED, least=-100.0,
     )  # fmt: skip
 
 

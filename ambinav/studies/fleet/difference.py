@@ -14,13 +14,18 @@ from ambinav.runtime.errors import InputError
 from ambinav.studies.audit.audit import metres2
 from ambinav.studies.fleet.document import FILE, FleetDocument, FleetFigures
 
-Change = Literal["worse", "better", "other figures", "failed", "audited", "appeared", "vanished"]
+Change = Literal[
+    "worse", "better", "other figures", "failed", "not judged", "audited", "appeared", "vanished"
+]
 
 LEAST: Final = 0.01
 """Square metres by which bad floor must change to be worse or better: documents are rounded."""
 
 
-NOTHING: Final = "because no site has figures in both; check that names and scanners are the same"
+NOTHING: Final = (
+    "because a site that was judged in A failed or has no judged floor in B, or no site has "
+    "figures in both; see the table, and check that names and scanners are the same"
+)
 """Why there is no change of bad floor."""
 
 
@@ -127,6 +132,8 @@ def _change(
         kind = "appeared"
     elif old.status != new.status:
         kind = "audited"
+    elif bad[0] is not None and bad[1] is None:
+        kind = "not judged"
     elif rise is not None and abs(rise) >= LEAST:
         kind = "worse" if rise > 0.0 else "better"
     return SiteChange(
@@ -143,7 +150,17 @@ def _signed(area: float) -> str:
     return f"{'-' if area < 0.0 else '+'}{metres2(abs(area))}"
 
 
+def _lacking(report: FleetDifference) -> bool:
+    """Return whether bad floor of A is not known in B, though the site is there."""
+    return any(
+        each.before_m2 is not None and each.change in ("failed", "not judged")
+        for each in report.changes
+    )
+
+
 def _worst(report: FleetDifference) -> float | None:
+    if _lacking(report):
+        return None
     rises = [each.change_m2 for each in report.changes if each.change_m2 is not None]
     # What has not changed at all is no change of the report.
     return max([*rises, 0.0][: report.compared], default=None)
@@ -171,11 +188,14 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     Quantity(
         "total bad change", "m²", "bad floor of all sites in both, after minus before",
-        lambda report: _total(report.changes) if report.compared else None,
+        lambda report: (
+            _total(report.changes) if report.compared and not _lacking(report) else None
+        ),
         _where("worse"), NOTHING, least=-float("inf"),
     ),
     _count("worse", "with more bad floor"),
     _count("failed", "that failed in B and not in A"),
+    _count("not judged", "of which some floor was judged in A and none in B"),
     _count("vanished", "that only A has"),
     _count("appeared", "that only B has, and that did not fail there"),
 )  # fmt: skip

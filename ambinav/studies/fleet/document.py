@@ -68,7 +68,9 @@ class FleetFigures(Part):
     transition_share: Share | None = None
     corridor_share: Share | None = None
     open_share: Share | None = None
-    bad_m2: SquareMetres | None = Field(default=None, description="corridor and open zones")
+    bad_m2: SquareMetres | None = Field(
+        default=None, description="corridor and open zones; null: no floor could be judged"
+    )
     bad_share: Share | None = None
     mean_level: Share | None = None
     places: int | None = Field(default=None, description="number of bad places")
@@ -130,8 +132,12 @@ def figures_of(result: Result) -> FleetFigures:
     audit = result.audit
     if audit is None:
         return FleetFigures(**about, error=result.error, digest=result.digest)
-    shares: dict[str, Any] = {f"{zone.zone}_share": zone.share for zone in audit.zones}
-    bad = [zone for zone in audit.zones if zone.zone in BAD]
+    shares: dict[str, Any] = {}
+    if audit.floor.counted_area_m2 > 0.0:  # else nobody knows how bad it is
+        shares = {f"{zone.zone}_share": zone.share for zone in audit.zones}
+        bad = [zone for zone in audit.zones if zone.zone in BAD]
+        shares["bad_m2"] = sum(zone.area_m2 for zone in bad)
+        shares["bad_share"] = sum(zone.share for zone in bad)
     worst = audit.places[0] if audit.places else None
     verdict = audit.verdict
     first = verdict.advice[0] if verdict is not None and verdict.advice else None
@@ -141,8 +147,6 @@ def figures_of(result: Result) -> FleetFigures:
         free_m2=audit.floor.free_area_m2,
         counted_m2=audit.floor.counted_area_m2,
         **shares,
-        bad_m2=sum(zone.area_m2 for zone in bad),
-        bad_share=sum(zone.share for zone in bad),
         mean_level=result.mean_level,
         places=audit.places_in_all,
         worst_zone=None if worst is None else worst.zone,

@@ -72,6 +72,8 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
     def load(given: str, folder: str) -> tuple[str, RangeScanner]:
         beside = Path(folder, given)
         place = str(beside) if folder and beside.is_file() else given
+        if Path(place).is_file():
+            place = str(Path(place).resolve())
         if place not in loaded:
             scanner = RangeScanner.load(place)
             label = safe_name(Path(place).stem if Path(place).is_file() else place)

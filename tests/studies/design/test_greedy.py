@@ -277,3 +277,15 @@ def test_the_audit_says_how_many_posts_suffice(helped: Remedy) -> None:
     assert posts_part(PostSearch(3, helped.rules, helped, "", (30.0, 20.0, 15.0))).reason == ""
     none = posts_part(PostSearch(5, helped.rules, None, "No place is free."))
     assert (none.reason, none.posts, none.before_m2) == ("No place is free.", (), None)
+
+
+@pytest.mark.slow
+def test_no_post_stands_where_the_robot_sets_out() -> None:
+    found = find(posts=1, spacing=0.35)
+    (chosen,) = found.chosen
+    start = tuple(chosen.middle)
+    reach = find_reach(found.environment, 0.2, start=start)
+    again = place_obstacles(
+        found.environment, found.scanner, found.amap, found.rules, 1, reach, (), None
+    )
+    assert not shapely.Point(start).buffer(0.2).intersects(again.chosen[0].obstacle.outline)

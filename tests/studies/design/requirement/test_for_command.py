@@ -208,3 +208,38 @@ def test_the_example_of_costs_can_be_read() -> None:
     path = ROOT / "configs" / "costs-example.yaml"
     assert "invented examples" in path.read_text()
     assert len(read_costs(path).prices()) == 3
+
+
+@pytest.mark.slow
+def test_of_equally_dear_scanners_the_better_one(folder) -> None:
+    """Whichever is listed first; their files are looked for beside the costs."""
+    (folder / "sub").mkdir()
+    for name, reach in (("near", 3.2), ("far", 12.0)):
+        text = LASER.replace("bench laser", name).replace("2.5", str(reach))
+        (folder / "sub" / f"{name}.yaml").write_text(text)
+    for first, second in (("near", "far"), ("far", "near")):
+        costs = f"{{scanner: {{{first}.yaml: 90, {second}.yaml: 90}}}}"
+        (folder / "sub" / "costs.yaml").write_text(costs)
+        asked = ["hall.wkt", "-s", "laser.yaml", "--spacing", "0.25", "--no-store", "--json"]
+        result = CliRunner().invoke(
+            app, ["design", "for", *asked, "--cost", "sub/costs.yaml", "bad < 40 %",
+                  "--may", "scanner", "-o", f"out-{first}"],
+        )  # fmt: skip
+        assert result.exit_code == 0, result.output
+        assert "is met by far for 90" in json.loads(result.stdout)["summary"]
+    (folder / "sub" / "same.yaml").write_text(LASER.replace("2.5", "9.0"))
+    (folder / "sub" / "costs.yaml").write_text("{scanner: {same.yaml: 90}}")
+    result = CliRunner().invoke(
+        app, ["design", "for", *asked, "--cost", "sub/costs.yaml", "bad < 40 %", "--may", "scanner",
+              "-o", "out"],
+    )  # fmt: skip
+    assert result.exit_code == 2
+    assert "same.yaml is called 'bench laser', as another one is" in " ".join(result.stderr.split())
+
+
+def test_zones_beside_the_building_are_refused(folder) -> None:
+    (folder / "zones.wkt").write_text("POLYGON ((5000 0, 8000 0, 8000 6000, 5000 0))")
+    result = run("bad < 50 %", "--may", "posts=1", "--keep-out", "zones.wkt", "-o", "out")
+    assert result.exit_code == 2
+    assert "--keep-out: no polygon meets hall" in result.stderr
+    assert not (folder / "out").exists()
