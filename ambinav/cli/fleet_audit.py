@@ -246,7 +246,11 @@ def _show(fleet: Fleet) -> None:
 
     kept = len(fleet.results) - fleet.made
     there = f", {kept} were there" if kept else ""
-    show(fleet.document.summary, f"{fleet.made} audits made{there}", "")
+    show(
+        fleet.document.summary,
+        f"{fleet.made} {'audit' if fleet.made == 1 else 'audits'} made{there}",
+        "",
+    )
     rows = sorted(
         (row for row in fleet.document.figures if row.bad_m2 is not None),
         key=lambda row: -(row.bad_m2 or 0.0),

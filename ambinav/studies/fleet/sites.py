@@ -51,8 +51,10 @@ def read_sites(place: str) -> tuple[Site, ...]:
     counts = Counter(site.name for site in sites)
     for name, count in counts.items():
         if count > 1:
+            files = ", ".join(str(site.building) for site in sites if site.name == name)
             raise InputError(
-                f"{place}: {count} sites are called {name!r}; give each a name of its own."
+                f"{place}: {count} sites are called {name!r} ({files}); give each a name of its "
+                "own."
             )
     missing = [site for site in sites if not _is_there(site)]
     if missing:

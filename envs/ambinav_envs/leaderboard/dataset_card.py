@@ -73,7 +73,9 @@ def dataset_card(
     outcomes = Counter(str(end["outcome"]) for end in ends)
     counts = ", ".join(f"{outcomes[key]} {key}" for key in sorted(outcomes))
     lost = sum(bool(end["was_lost"]) for end in ends)
-    author = f"| author | {metadata['author']} |\n" if "author" in metadata else ""
+    # On one line of a table, whatever somebody is called.
+    maker = " ".join(str(metadata.get("author", "")).split()).replace("|", "\\|")
+    author = f"| author | {maker} |\n" if maker else ""
     licence = (
         "Apache-2.0, as the code: ambinav drew the buildings."
         if drawn

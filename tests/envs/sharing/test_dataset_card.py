@@ -40,7 +40,9 @@ def record(
 
 
 def test_a_card_says_what_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stored, head, text = record(HALL, tmp_path / "sets", monkeypatch, "A. Nother", buildings=1)
+    stored, head, text = record(
+        HALL, tmp_path / "sets", monkeypatch, "A.\nNother | Co", buildings=1
+    )
     episodes = list(stored.iterate_episodes())
     ends = list(stored.storage.get_episode_metadata(range(3)))
     returns = [episode.rewards.sum() for episode in episodes]
@@ -57,7 +59,8 @@ def test_a_card_says_what_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert head["license"] == "apache-2.0" and HALL in head["tags"]
     assert head["size_categories"] == ["n<1K"] and stored.total_steps < 1000
     metadata = stored.storage.metadata
-    assert metadata["author"] == {"A. Nother"} and "| author | A. Nother |" in text
+    assert metadata["author"] == {"A.\nNother | Co"}
+    assert "| author | A. Nother \\| Co |" in text
     for value in (
         metadata["algorithm_name"], metadata["code_permalink"], *metadata["requirements"],
         metadata["description"], stored.spec.dataset_id,
