@@ -435,15 +435,12 @@ def test_floors_and_units(runner, folder):
     """A house of two floors in millimetres."""
     ring = [[0, 0], [3000, 0], [3000, 2000], [0, 2000], [0, 0]]
     features = [
-        {
-            "type": "Feature",
-            "properties": {"level": name},
-            "geometry": {"type": "Polygon", "coordinates": [[[x * k, y] for x, y in ring]]},
-        }
+        {"type": "Feature", "properties": {"level": name},
+         "geometry": {"type": "Polygon", "coordinates": [[[x * k, y] for x, y in ring]]}}
         for k, name in ((1, "EG"), (2, "OG"))
-    ]
-    house = {"type": "FeatureCollection", "features": features}
-    (folder / "plan.geojson").write_text(json.dumps(house))
+    ]  # fmt: skip
+    house = json.dumps({"type": "FeatureCollection", "features": features})
+    (folder / "plan.geojson").write_text(house)
     for level, area in (("EG", 6.0), ("1", 12.0)):
         result = runner.invoke(app, [*MAP, "--json", "--unit", "mm", "--level", level])
         assert result.exit_code == 0, result.output

@@ -115,7 +115,7 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     except InputError:
         raise
     except Exception as error:  # readers raise many kinds of errors for damaged files
-        # Faces of different sizes in a binary PLY are not told from a file that is cut off.
+        # Its reader takes faces of different sizes in a binary PLY for a file that is cut off.
         how = " with triangles only" if path.suffix.lower() == ".ply" else ""
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "

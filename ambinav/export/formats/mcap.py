@@ -141,7 +141,7 @@ def _drive(drive: RecordedDrive | Trajectory, topic: str, send: Send) -> None:
 def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
     """Return a topic for each file, by its name with characters that ROS allows.
 
-    Files of one name are told apart by their folders: run 1 of two routes of a comparison.
+    Of files with one name the topics have the folder too: run 1 of two routes of a comparison.
 
     Raises:
         InputError: two files would have one.
