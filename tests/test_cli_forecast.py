@@ -187,7 +187,11 @@ def test_bad_input_of_forecast(folder: Path) -> None:
         (["r.csv", "--picture", "f.txt"], "--picture: f.txt ends in '.txt'; "),
         (["none.csv"], "none.csv"),
         (["r.csv", "--odometry", "x"], "--odometry: odometry is 'x'; "),
+        (["r.csv", "--odometry", ""], "--odometry: odometry is ''; "),
+        (["r.csv", "--position-limit", "inf"], "--position-limit: inf is not finite; "),
+        (["flight.csv"], "flight.csv: it is a route through space; "),
     ):
+        (folder / "flight.csv").write_text("x,y,z,distance,cost,level\n0,0,1,0,0,0\n")
         result = CliRunner().invoke(app, ["forecast", "map.zarr", *arguments])
         assert result.exit_code == 2
         assert message in " ".join(result.stderr.split())

@@ -55,6 +55,15 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         lambda p: p["pairs"][0].update(goal=[70, 2]),
         "goal (70, 2) is outside of the map, which reaches from (0.00, 0.00) to (8.00, 3.00)",
     ),
+    "a radius below the spacing": (
+        lambda p: p["map"].update(spacing=50),
+        "map: radius is 0.5 m and spacing 50 m; give a radius",
+    ),
+    "an unknown layer": (lambda p: p["map"].update(layer="nope"), "map: layer 'nope' is unknown"),
+    "an unknown planner for all": (
+        lambda p: p.update(planning={"planner": "rrtstr"}),
+        "planning: there is no planner 'rrtstr'; did you mean rrtstar",
+    ),
     "unknown planner": (
         lambda p: p["routes"].append({"kind": "planner", "planner": "rrtstr"}),
         "did you mean rrtstar",
