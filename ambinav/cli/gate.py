@@ -11,7 +11,14 @@ from typing import Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.running import check_file, reporting
-from ambinav.reports.conditions import Condition, Outcome, Quantities, judge, parse_condition
+from ambinav.reports.conditions import (
+    Condition,
+    Outcome,
+    Quantities,
+    Unchecked,
+    judge,
+    parse_condition,
+)
 from ambinav.runtime.errors import InputError
 
 HOLDS = 3
@@ -123,11 +130,11 @@ class Gate:
         map_file: str | Path,
         *,
         as_json: bool,
-        unchecked: Sequence[tuple[Condition, str]] = (),
+        unchecked: Unchecked = (),
     ) -> None:
         """Write the files of some outcomes, and print them; arguments and errors as of `judge`.
 
-        What is `unchecked`, with a sentence on why, goes into JUnit XML only: the caller says it.
+        What is `unchecked` goes into the files only: the caller says it.
         """
         from ambinav.reports.junit import write_junit
         from ambinav.reports.sarif import write_sarif
@@ -135,7 +142,7 @@ class Gate:
         if self.junit is not None:
             write_junit(outcomes, f"ambinav {self.COMMAND} {map_file}", self.junit, unchecked)
         if self.sarif is not None:
-            write_sarif(outcomes, self.COMMAND, map_file, self.sarif)
+            write_sarif(outcomes, self.COMMAND, map_file, self.sarif, unchecked)
         for outcome in outcomes:
             typer.echo(f"{'failed' if outcome.holds else 'passed'}: {outcome.text}", err=as_json)
         if any(outcome.holds for outcome in outcomes):

@@ -12,7 +12,7 @@ import difflib
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -149,6 +149,10 @@ class Outcome:
         verb = "holds" if self.holds else "does not hold"
         sentence = f'{quantity.name} is {self.value:.6g}{unit}: "{self.condition}" {verb}.'
         return f"{sentence} {self.where}" if self.where and self.holds else sentence
+
+
+Unchecked = Sequence[tuple[Condition, str]]
+"""Conditions that cannot be checked, each with a sentence on why."""
 
 
 def judge(condition: Condition, report: object) -> Outcome:

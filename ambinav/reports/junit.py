@@ -8,15 +8,11 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from ambinav.reports.conditions import Condition, Outcome
+from ambinav.reports.conditions import Condition, Outcome, Unchecked
 from ambinav.runtime.files import write_text
 
 # XML 1.0 has no place for these, not even escaped; a file's name may hold them.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
-
-Unchecked = Sequence[tuple[Condition, str]]
-"""Conditions that cannot be checked, each with a sentence on why."""
 
 
 def junit(outcomes: Sequence[Outcome], suite: str, unchecked: Unchecked = ()) -> str:

@@ -14,18 +14,24 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ambinav.reports.conditions import Condition, Outcome
+from ambinav.reports.conditions import Condition, Outcome, Unchecked
 from ambinav.runtime.files import write_text
 from ambinav.version import __version__
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
 
 
-def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> dict[str, Any]:
+def sarif(
+    outcomes: Sequence[Outcome],
+    command: str,
+    map_file: str | Path,
+    unchecked: Unchecked = (),
+) -> dict[str, Any]:
     """Return the document as plain values.
 
     Args:
         outcomes: Outcomes of the conditions, in their order.
+        unchecked: Notifications of the run, whose execution then was not successful.
         command: Command on the command line, such as "audit"; rules are named after it.
         map_file: Source of the results: a file, a folder or a URL; relative to the working
             folder if it lies in it.
@@ -49,6 +55,7 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
                 # Results of several maps are kept apart by the part before the last slash.
                 "automationDetails": {"id": f"ambinav-{command}/{where}/"},
                 "columnKind": "unicodeCodePoints",
+                "invocations": [_invocation(unchecked)],
                 "results": [
                     _result(outcome, command, rules, location)
                     for outcome in outcomes
@@ -60,10 +67,23 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
 
 
 def write_sarif(
-    outcomes: Sequence[Outcome], command: str, map_file: str | Path, path: Path
+    outcomes: Sequence[Outcome],
+    command: str,
+    map_file: str | Path,
+    path: Path,
+    unchecked: Unchecked = (),
 ) -> None:
     """Write the document atomically; raises as `ambinav.runtime.files.replacing` does."""
-    write_text(path, json.dumps(sarif(outcomes, command, map_file), indent=2) + "\n")
+    log = sarif(outcomes, command, map_file, unchecked)
+    write_text(path, json.dumps(log, indent=2) + "\n")
+
+
+def _invocation(unchecked: Unchecked) -> dict[str, Any]:
+    said = [
+        {"level": "error", "message": {"text": f'"{condition}" {why}'}}
+        for condition, why in unchecked
+    ]
+    return {"executionSuccessful": not said, "toolExecutionNotifications": said}
 
 
 def _rule_id(command: str, condition: Condition) -> str:

@@ -68,6 +68,18 @@ def test_sarif_keeps_to_the_schema(case, tmp_path, monkeypatch):
         assert place["region"]["startLine"] == 1
 
 
+def test_sarif_says_what_could_not_be_checked(tmp_path):
+    (held, *_) = CASES["both"]
+    write_sarif([], "audit", "site", tmp_path / "gate", [(held.condition, "needs a map")])
+    log = json.loads((tmp_path / "gate").read_text())
+    schema = json.loads((SCHEMAS / "sarif-2.1.0-rtm.5.json").read_text(encoding="utf-8"))
+    jsonschema.Draft4Validator(schema).validate(log)
+    (invocation,) = log["runs"][0]["invocations"]
+    (said,) = invocation["toolExecutionNotifications"]
+    assert not invocation["executionSuccessful"]
+    assert said["message"]["text"] == f'"{held.condition}" needs a map'
+
+
 def test_a_map_elsewhere_is_named_by_its_whole_address(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     (tmp_path / "map.zarr").mkdir()

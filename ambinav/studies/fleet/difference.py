@@ -71,9 +71,15 @@ def open_fleet(place: str) -> FleetDocument:
     try:
         return FleetDocument.model_validate_json(content)
     except ValidationError as error:
+        first = error.errors()[0]
+        is_json = first["type"] != "json_invalid"
+        what = (
+            "is not of this version of `ambinav fleet audit`"
+            if is_json
+            else "is cut off or no JSON"
+        )
         raise InputError(
-            f"{place}: {FILE} is not of this version of `ambinav fleet audit` "
-            f"({error.errors()[0]['msg']}); run it again."
+            f"{place}: {FILE} {what} ({first['msg']}); run the audit again."
         ) from error
 
 
@@ -101,6 +107,9 @@ def fleet_difference(
     counts = {kind: sum(each.change == kind for each in changes) for kind in get_args(Change)}
     parts = [f"{count} {kind}" for kind, count in counts.items() if count]
     sentences = [f"{', '.join(parts) or 'No changes'}; {same} the same."]
+    failed = sum(old[key].status == new[key].status == "failed" for key in old.keys() & new)
+    if failed:
+        sentences.append(f"{failed} failed in both.")
     if parts:
         sentences.append(f"Bad floor at sites in both: {_signed(_total(changes))}.")
     for name in ("spacing_m", "radius_m", "robot_radius_m"):

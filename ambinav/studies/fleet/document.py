@@ -120,8 +120,8 @@ class FleetDocument(Part):
     needs: tuple[NeedPart, ...] = Field(description="the largest removed area first")
     mixes: tuple[MixPart, ...] = Field(
         default=(),
-        description="the best set of one scanner, of two, and so on, over the sites that have "
-        "figures for all scanners; none for a fleet with one scanner",
+        description="the best set of one scanner, of two, and so on, each of which serves all "
+        "sites that were audited for several scanners; none for a fleet with one scanner",
     )
     figures: tuple[FleetFigures, ...] = Field(description="by site and scanner")
 

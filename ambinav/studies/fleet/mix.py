@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
@@ -15,30 +16,29 @@ KINDS: Final = 3
 
 
 def best_mixes(rows: Sequence[FleetFigures]) -> tuple[MixPart, ...]:
-    """Return the best mix of one scanner, of two, and so on up to `KINDS` while one more helps.
+    """Return the best mix of one scanner, of two, and so on to `KINDS`, as far as one more helps.
 
     The best one leaves the least bad floor on all sites together, of equal ones the least share of
-    the worst site. All sets are compared. Only sites with figures for every scanner count.
+    the worst site. All sets are compared. A site counts if it was audited for several scanners, and
+    one of them has figures there; a scanner without figures at a site does not serve it.
 
     Args:
         rows: Figures of the sites.
 
     Returns:
-        Empty if there is only one scanner, or no site with figures for all of them.
+        Empty if no site counts.
     """
-    names = sorted({row.scanner for row in rows})
-    figures = {(row.site, row.scanner): row for row in rows if row.bad_m2 is not None}
-    sites = [
-        site
-        for site in dict.fromkeys(row.site for row in rows)
-        if all((site, name) in figures for name in names)
-    ]
-    if len(names) < 2 or not sites:
+    audits = Counter(row.site for row in rows)
+    choices = [row for row in rows if audits[row.site] > 1]
+    figures = {(row.site, row.scanner): row for row in choices if row.bad_m2 is not None}
+    names = sorted({row.scanner for row in choices})
+    sites = [*dict.fromkeys(site for site, _ in figures)]
+    if not sites:
         return ()
-    bad, share = (
-        np.array([[getattr(figures[site, name], key) for name in names] for site in sites])
-        for key in ("bad_m2", "bad_share")
-    )
+    bad, share = np.full((2, len(sites), len(names)), np.inf)
+    for (site, name), row in figures.items():
+        cell = sites.index(site), names.index(name)
+        bad[cell], share[cell] = row.bad_m2, row.bad_share
     mixes, before = list[MixPart](), np.inf
     for size in range(1, min(KINDS, len(names)) + 1):
         ranked = []
@@ -47,8 +47,8 @@ def best_mixes(rows: Sequence[FleetFigures]) -> tuple[MixPart, ...]:
             site = np.arange(len(sites))
             ranked.append((bad[site, best].sum(), share[site, best].max(), chosen, best))
         total, worst, chosen, best = min(ranked, key=lambda mix: mix[:3])
-        if not total < before:
-            break
+        if not total < before:  # no gain, or a site that no scanner of any set serves
+            continue
         before = total
         mixes.append(
             MixPart(

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any, Final
 
+from ambinav.buildings.plan_units import UNITS
 from ambinav.buildings.readers import MAP_READERS
+from ambinav.buildings.section_floor import DOORS, GLASS
 from ambinav.config.numbers import nearest
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
@@ -22,7 +25,9 @@ READING: Final = ("level", "unit", "height", "doors", "glass")
 COLUMNS: Final = ("site", "building", "date", "scanner", *READING)
 """Columns of a table of sites; the first two are needed."""
 
+_CHOICES: Final = {"unit": tuple(UNITS), "doors": DOORS, "glass": GLASS}
 _PART: Final = re.compile(r"\w(?:[\w.-]*[\w-])?")
+_SAFE: Final = re.compile(r"[\w.-]")
 _RESERVED: Final = (".json", ".png")
 
 
@@ -68,7 +73,12 @@ def read_sites(place: str) -> tuple[Site, ...]:
 
 def safe_name(text: str) -> str:
     """Return a text as the name of a file, on any file system and in addresses."""
-    return re.sub(r"[^\w.-]", "_", text).strip(".-") or "_"
+    composed = unicodedata.normalize("NFC", text)
+    # Marks that no letter takes up, as in Devanagari, are none of \w.
+    kept = (
+        c if _SAFE.match(c) or unicodedata.category(c) in ("Mn", "Mc") else "_" for c in composed
+    )
+    return "".join(kept).strip(".-") or "_"
 
 
 def _from_table(address: Address) -> Iterator[Site]:
@@ -77,7 +87,11 @@ def _from_table(address: Address) -> Iterator[Site]:
     if content is None:
         raise InputError(f"{address}: this file does not exist; check the path.")
     try:
-        table = csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
+        text = content.decode("utf-8-sig")
+        # Spreadsheets separate by what their language leaves free.
+        separator = max(",;\t", key=text.partition("\n")[0].count)
+        lines = io.StringIO(text, newline="")
+        table = csv.DictReader(lines, strict=True, delimiter=separator)
         columns = [column.strip() for column in table.fieldnames or ()]
         table.fieldnames = columns
         rows = [(table.line_num, row) for row in table]
@@ -116,6 +130,11 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
             "without .json or .png at the end."
         )
     reading: dict[str, Any] = {name: values[name] for name in READING if values.get(name)}
+    for column, known in _CHOICES.items():
+        if reading.get(column, known[0]) not in known:
+            raise InputError(
+                f"{where}: {column} {reading[column]!r}: {nearest(reading[column], known)}."
+            )
     if "height" in reading:
         try:
             reading["height"] = float(reading["height"])

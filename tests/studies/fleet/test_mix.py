@@ -53,9 +53,21 @@ def test_no_assignment_of_as_many_scanners_leaves_less(
         )
 
 
-def test_sites_without_figures_do_not_count() -> None:
+def test_a_scanner_that_fails_at_a_site_does_not_serve_it() -> None:
     rows = [row("a", "x", 5.0), row("a", "y", 3.0), row("b", "x", 1.0), row("b", "y", None)]
+    alone, both = best_mixes(rows)
+    assert (alone.scanners, alone.bad_m2) == ({"x": ("a", "b")}, 6.0)
+    assert (both.scanners, both.bad_m2) == ({"x": ("b",), "y": ("a",)}, 4.0)
+    (only,) = best_mixes(rows[2:])
+    assert (only.scanners, only.bad_m2) == ({"x": ("b",)}, 1.0)
+    # No scanner serves both.
+    apart = [row("a", "x", 5.0), row("a", "y", None), row("b", "x", None), row("b", "y", 2.0)]
+    (pair,) = best_mixes(apart)
+    assert (pair.scanners, pair.bad_m2) == ({"x": ("a",), "y": ("b",)}, 7.0)
+
+
+def test_sites_with_a_scanner_of_their_own_do_not_count() -> None:
+    rows = [row("a", "x", 5.0), row("a", "y", 3.0), row("own", "z", 9.0), row("none", "x", None)]
     (mix,) = best_mixes(rows)
     assert (mix.scanners, mix.bad_m2) == ({"y": ("a",)}, 3.0)
-    assert best_mixes(rows[2:]) == ()
-    assert best_mixes(rows[::2]) == ()
+    assert best_mixes(rows[::2]) == best_mixes(rows[2:]) == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
 
 import fsspec
@@ -55,6 +56,8 @@ def test_a_table_gives_files_beside_it_and_options(tmp_path: Path) -> None:
         ("site,building\n,a.wkt\n", "line 2: site is empty"),
         ("site,building\na\n", "line 2: it has not 2 values"),
         ("site,building,height\na,a.wkt,low\n", "height 'low' is no number"),
+        ("site,building,doors\na,a.wkt,opne\n", "line 2: doors 'opne': did you mean open"),
+        ("site,building,unit\na,a.wkt,miles\n", "line 2: unit 'miles': choose from cm, ft"),
         ("site,building,date\na,a.wkt,May\n", "date 'May' is no ISO 8601 date"),
         ("site,building,date\na,a.wkt,0001-01-01T00:00+14:00\n", "is no ISO 8601 date"),
         ("site,building,site\na,a.wkt,b\n", "the column site is there twice"),
@@ -64,6 +67,24 @@ def test_what_is_wrong_in_a_table_is_said(tmp_path: Path, text: str, said: str) 
     (tmp_path / "a.wkt").touch()
     with pytest.raises(InputError, match=said):
         read_sites(table(tmp_path, text))
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_tables_of_spreadsheets_with_other_separators_are_read(
+    tmp_path: Path, separator: str
+) -> None:
+    (tmp_path / "a,1.wkt").touch()
+    text = separator.join(("site", "building", "height")) + "\n"
+    text += separator.join(("a", "a,1.wkt", "0.3")) + "\n"
+    (site,) = read_sites(table(tmp_path, text))
+    assert (site.building, site.reading) == ("a,1.wkt", {"height": 0.3})
+
+
+def test_names_of_files_keep_their_letters_and_marks(tmp_path: Path) -> None:
+    for name in ("Büro", unicodedata.normalize("NFD", "Höhle"), "हिन्दी"):
+        write_room(tmp_path / f"{name}.wkt", 3.0)
+    names = [site.name for site in read_sites(str(tmp_path))]
+    assert names == ["Büro", "Höhle", "हिन्दी"]
 
 
 def test_a_folder_gives_its_buildings_and_nothing_else(tmp_path: Path) -> None:
