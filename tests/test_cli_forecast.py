@@ -83,6 +83,15 @@ def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     assert document["causes"][0]["end_m"] <= document["curve"][-1]["distance_m"]
 
 
+def test_a_route_of_another_map_is_noted(folder: Path) -> None:
+    text = (folder / "r.csv").read_text()
+    (folder / "r.csv").write_text(text.replace('# scanner: "', '# scanner: "other-'))
+    result = CliRunner().invoke(app, ["forecast", "map.zarr", "r.csv"])
+    assert result.exit_code == 0
+    assert "r.csv: planned with the scanner other-" in " ".join(result.stderr.split())
+    assert "environment" not in result.stderr
+
+
 @pytest.mark.slow
 def test_plan_keeps_the_promise(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "--shortest", "-o", "safe.csv"]
@@ -190,8 +199,10 @@ def test_bad_input_of_forecast(folder: Path) -> None:
         (["r.csv", "--odometry", ""], "--odometry: odometry is ''; "),
         (["r.csv", "--position-limit", "inf"], "--position-limit: inf is not finite; "),
         (["flight.csv"], "flight.csv: it is a route through space; "),
+        (["flight.json"], "flight.json: it is a route through space; "),
     ):
         (folder / "flight.csv").write_text("x,y,z,distance,cost,level\n0,0,1,0,0,0\n")
+        (folder / "flight.json").write_text('{"ambinav": {"points": []}}')
         result = CliRunner().invoke(app, ["forecast", "map.zarr", *arguments])
         assert result.exit_code == 2
         assert message in " ".join(result.stderr.split())

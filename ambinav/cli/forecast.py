@@ -13,7 +13,7 @@ from ambinav.cli.checks import check_suffix
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.plan_options import PICTURES
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import check_file, reporting
+from ambinav.cli.running import check_file, note, reporting
 from ambinav.forecasting.document import ODOMETRY, forecast_document
 
 if TYPE_CHECKING:
@@ -49,6 +49,9 @@ def forecast(
 
         route = load_route(route_file)
         amap = AmbiguityMap.open(map_file)
+        for name, planned in (("environment", route.environment), ("scanner", route.scanner)):
+            if planned and planned != (own := amap.dataset.attrs[name]):
+                note(f"{route_file}: planned with the {name} {planned}; the map has {own}.")
         result = robot.forecaster(amap)(route)
         if picture is not None:
             from ambinav.plotting.canvas import save_figure

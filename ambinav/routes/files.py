@@ -84,6 +84,8 @@ def _read_json(path: Path, member: str) -> Route:
     except RecursionError as error:
         raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
     content = document.get(member) if isinstance(document, dict) else None
+    if isinstance(content, dict) and "points" in content:
+        raise InputError(f"{path}: {table.IN_SPACE}")
     if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
             f"{path}: {member}.poses is missing, so this is no route of ambinav; "

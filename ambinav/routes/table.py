@@ -17,6 +17,8 @@ STAMP: Final = ("stamp",)
 """Further column of a route with stamps."""
 COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 """Further columns of a route with predicted covariances: the upper triangle."""
+IN_SPACE: Final = "it is a route through space; give one of a robot on the floor."
+"""What is wrong with a flight."""
 
 Line = tuple[int, list[str]]
 """The number of a line, and its cells."""
@@ -55,7 +57,7 @@ def route_of_text(text: str, where: str) -> Route:
     saved, (first, names), rows = parsed(text, where)
     columns = COLUMNS + STAMP if STAMP[0] in names else COLUMNS
     if names[2:3] == ["z"]:
-        raise InputError(f"{where}: it is a route through space; give one of a robot on the floor.")
+        raise InputError(f"{where}: {IN_SPACE}")
     if names not in (list(columns), list(columns + COVARIANCE)):
         raise InputError(
             f"{where}: line {first}: the columns are {', '.join(names)}; "
