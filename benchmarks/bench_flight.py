@@ -2,7 +2,8 @@
 
 Maps at five heights for a planar laser of 4 m, cells of 0.2 m, a sphere of 0.2 m; from and to the
 two places farthest apart of 100 drawn at the lowest height. Informed RRT* with the same seeds at
-each weight. Length and mean level along the route: median and range over the seeds.
+each weight. Length and mean level along the route: median and range over the seeds; of the cheapest
+one the share by which any could be cheaper, as it is proved, and the seconds of the proof.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from lasers import laser
 from scipy.ndimage import binary_erosion, label
 
 import ambinav as an
-from ambinav_planners import FlightPlanner
+from ambinav_planners import FlightPlanner, certify
 
 BUILDINGS = {
     "office": ("plans/institute.ifc", "Erdgeschoss", 0.0),
@@ -43,20 +44,24 @@ def main() -> None:
         for weight in WEIGHTS:
             service = an.VolumeService(volume, weight=weight)
             robot = FlightPlanner(service, building, radius=RADIUS)
-            lengths, levels = [], []
+            flights = []
             for seed in range(args.seeds):
                 flight = robot.plan(
                     start, goal, planner_name="informed-rrtstar", seconds=args.seconds, seed=seed
                 )
-                lengths.append(flight.length)
-                levels.append(flight.mean_level)
+                flights.append(flight)
                 if (name, weight, seed) == ("office", 5.0, 0):
                     args.picture.parent.mkdir(parents=True, exist_ok=True)
                     flight.draw(args.picture)
-            rows.append((name, f"{weight:g}", spread(lengths, 1), spread(levels, 3)))
+            proof = certify(robot, min(flights, key=lambda flight: flight.cost))
+            lengths = [flight.length for flight in flights]
+            levels = [flight.mean_level for flight in flights]
+            proved = f"{100.0 * proof.gap:.1f}", f"{proof.seconds:.0f}"
+            rows.append((name, f"{weight:g}", spread(lengths, 1), spread(levels, 3), *proved))
             print(*rows[-1], file=sys.stderr, flush=True)
     body = f"{str(__doc__).split(chr(10) * 2, 1)[1].strip()}\n\n"
-    body += table(("building", "weight", "length, m", "mean level"), rows)
+    header = "building", "weight", "length, m", "mean level", "gap, %", "proof, s"
+    body += table(header, rows)
     report("Flights", ["ambinav", "numpy", "ompl"], body, args.out)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -47,6 +48,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def runner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
     monkeypatch.chdir(folder)
     return CliRunner()
+
+
+@pytest.mark.slow
+def test_a_flight_is_certified(runner: CliRunner) -> None:
+    done = runner.invoke(app, [*PLAN, *BUDGET, "--weight", "1", "--certify", "-o", "c.csv"])
+    assert done.exit_code == 0, done.output
+    text = " ".join(done.stdout.split())
+    proved = re.search(r"certified: no route costs less than (\S+), so this one, (\S+), is", text)
+    assert proved is not None
+    bound, cost = map(float, proved.groups())
+    assert 0.7 * cost < bound <= cost
 
 
 @pytest.mark.slow
@@ -116,7 +128,6 @@ BAD = {
     "too high": (["--goal=5", "1", "2.1"], "z is 2.1 m and v.zarr covers heights from 0.5 to 1.9"),
     "in a wall": (["--start", "3", "1", "1"], "in a wall; the nearest free place is ("),
     "near the floor": (["--robot-radius", "0.65"], "nearer to a surface than the radius of 0.65 m"),
-    "certify": (["--certify"], "--certify is for robots on the floor, not for --space r3"),
     "via": (["--via", "2,2"], "--via is for robots on the floor"),
     "promise": (["--max-lost", "0.1"], "--max-lost is for robots on the floor"),
     "front": (["--pareto"], "--pareto is for robots on the floor"),

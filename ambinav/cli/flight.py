@@ -24,11 +24,11 @@ from ambinav.cli.space_options import option
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav_planners import FlightRoute
+    from ambinav_planners import Certificate, FlightRoute
 
 ALLOWED: Final = frozenset(
     {"planner", "time", "iterations", "seed", "improve", "weight", "layer", "robot_radius",
-     "half_height", "space", "picture"}
+     "half_height", "space", "picture", "certify"}
 )  # fmt: skip
 """Options of `ambinav plan` that apply in space."""
 
@@ -97,7 +97,7 @@ def plan_flight(
         check_file(result.picture)
     from ambinav.maps.ambiguity_volume import AmbiguityVolume
     from ambinav.service.volume_service import VolumeService
-    from ambinav_planners import FlightPlanner
+    from ambinav_planners import FlightPlanner, certify
 
     volume = AmbiguityVolume.open(map_file)
     service = VolumeService(volume, cost.layer, cost.weight)
@@ -108,12 +108,22 @@ def plan_flight(
     if result.picture is not None:
         route.draw(result.picture)
     route.save(output)
-    _show(route, output, result.picture, as_json)
+    _show(
+        route, certify(planner, route) if result.certify else None, output, result.picture, as_json
+    )
 
 
-def _show(route: FlightRoute, output: Path, picture: Path | None, as_json: bool) -> None:
+def _show(
+    route: FlightRoute,
+    proof: Certificate | None,
+    output: Path,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
     """Print the figures of a route as a table or as JSON."""
     name, figures = f"weight {route.service.weight:g}", route.figures
+    if proof is not None:
+        figures |= {"bound": proof.bound, "gap": proof.gap}
     places = {"output": str(output)} | ({} if picture is None else {"picture": str(picture)})
     if as_json:
         typer.echo(json.dumps({**places, "routes": {name: figures}}, indent=2))
@@ -125,6 +135,8 @@ def _show(route: FlightRoute, output: Path, picture: Path | None, as_json: bool)
     )  # fmt: skip
     show(table(columns, [row], left=("route",)))
     typer.echo(f"\nlayer: {route.service.layer}; planner: {route.planner}")
+    if proof is not None:
+        show(proof.sentence)
     typer.echo(f"route: {output}")
     if picture is not None:
         typer.echo(f"picture: {picture}")

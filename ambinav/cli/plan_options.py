@@ -387,7 +387,8 @@ class ResultOptions:
         picture (FILE): Draw the route on the floor map: .png, .pdf or .svg. [default: none]
         pareto: Plan routes for many weights; writes a table, routes and pictures.
         weights (LIST): Weights for --pareto. [default: 0 0.5 1 2 3 5 8 12 20]
-        certify: Prove how far at most the route is from the cheapest one; takes some seconds.
+        certify: Prove how far at most the route is from the cheapest one; takes some seconds, in r3
+            more.
     """
 
     PANEL: ClassVar[str] = "Results"

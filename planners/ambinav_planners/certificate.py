@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, overload
 
 from ambinav.config import as_number
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav.service.volume_service import VolumeService
+from ambinav_planners.flight_route import FlightRoute
 from ambinav_planners.improve.finishing import is_free
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.search.lower_bound import lower_bound
+from ambinav_planners.search.lower_bound_in_space import lower_bound_in_space
+
+if TYPE_CHECKING:  # it needs OMPL
+    from ambinav_planners.flight import FlightPlanner
 
 GAP = 0.005
 MOST_CELLS = 50_000
@@ -48,15 +55,31 @@ class Certificate:
         return f"{proved}, so this one, {self.cost:.2f}, is at most {share} % above the cheapest"
 
 
+@overload
 def certify(
-    robot: RoutePlanner, route: Route, *, gap: float = GAP, cells: int = MOST_CELLS
+    robot: RoutePlanner, route: Route, *, gap: float = ..., cells: int = ...
+) -> Certificate: ...
+
+
+@overload
+def certify(
+    robot: FlightPlanner, route: FlightRoute, *, gap: float = ..., cells: int = ...
+) -> Certificate: ...
+
+
+def certify(
+    robot: RoutePlanner | FlightPlanner,
+    route: Route | FlightRoute,
+    *,
+    gap: float = GAP,
+    cells: int = MOST_CELLS,
 ) -> Certificate:
     """Prove how far at most a route is from the cheapest one between its ends.
 
     The bound holds for all paths of the robot in its space, whatever the planner: it is found on
-    square grids by functions whose slope is nowhere above the cost per metre (docs/planning.md).
-    Limits on bad metres and one-way lanes only make routes dearer, so it holds with them too; but
-    then the gap contains what they cost.
+    grids by functions whose slope is nowhere above the cost per metre (docs/planning.md). Limits on
+    bad metres and one-way lanes only make routes dearer, so it holds with them too; but then the
+    gap contains what they cost. Of a flight, paths stay between the heights of the volume.
 
     Args:
         robot: The robot, and the cost service that the route was planned with.
@@ -73,12 +96,22 @@ def certify(
         raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
     if not as_number(cells, "cells") > 0:
         raise InputError(f"cells is {cells!r}; give a number above 0, such as {MOST_CELLS}.")
-    if route.layer != robot.service.layer:
+    layer = route.layer if isinstance(route, Route) else route.service.layer
+    if layer != robot.service.layer:
         raise InputError(
-            f"the route's cost is of layer {route.layer!r} and the robot's of "
-            f"{robot.service.layer!r}; give the robot that it was planned for."
+            f"the route's cost is of layer {layer!r} and the robot's of {robot.service.layer!r}; "
+            "give the robot that it was planned for."
         )
     started = time.perf_counter()
+    if isinstance(route, Route):
+        cost, bound, cell = _bounded(robot, route, gap, cells)
+    else:
+        cost, bound, cell = _bounded_in_space(robot, route, gap, cells)
+    return Certificate(cost, bound, cell, time.perf_counter() - started)
+
+
+def _bounded(robot: Any, route: Route, gap: float, cells: int) -> tuple[float, float, float]:
+    """Return cost, bound and the edge of the finest cells."""
     problem = robot.problem(route.start, route.goal, route.weight)
     if route.steering != problem.steering or not is_free(route.poses, problem):
         raise InputError(
@@ -86,5 +119,22 @@ def certify(
             "the robot that it was planned for."
         )
     cost = problem.service.route_cost(route.poses, problem.steering)
-    bound, cell = lower_bound(problem, cost, gap, cells) if cost > 0.0 else (0.0, 0.0)
-    return Certificate(cost, bound, cell, time.perf_counter() - started)
+    return cost, *(lower_bound(problem, cost, gap, cells) if cost > 0.0 else (0.0, 0.0))
+
+
+def _bounded_in_space(
+    robot: Any, route: FlightRoute, gap: float, cells: int
+) -> tuple[float, float, float]:
+    service, points = robot.service, route.points
+    if service.weight != route.service.weight:
+        service = VolumeService(service.volume, service.layer, route.service.weight)
+    cost = service.route_cost(points)
+    if not robot.checker.motions_free(points[:-1], points[1:]).all():
+        raise InputError(
+            "this robot cannot fly the route: it touches a surface; give the robot that it was "
+            "planned for."
+        )
+    if cost == 0.0:
+        return 0.0, 0.0, 0.0
+    ends = tuple(points[0].tolist()), tuple(points[-1].tolist())
+    return cost, *lower_bound_in_space(service, robot.checker, *ends, cost, gap, cells)

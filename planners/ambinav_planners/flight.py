@@ -26,6 +26,7 @@ from ambinav_planners.improve.shortcuts import shortened
 from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
 from ambinav_planners.planning import NotFoundError
 from ambinav_planners.registry import UNLIMITED, Budget, planner
+from ambinav_planners.search.lower_bound_in_space import are_apart
 from ambinav_planners.seeded import call_seeded
 
 PLANNERS: Final = ("rrtstar", "informed-rrtstar", "sorrtstar", "bitstar")
@@ -165,8 +166,12 @@ class FlightPlanner:
                 seed, _solve, planner_name, self.service, self.checker, ends, budget
             )
         if points is None:
-            if self._parted(*ends):
-                raise NotFoundError("no free cells of the volume lead from start to goal.")
+            if are_apart(self.service, self.checker, *ends):
+                low, *_, high = self.service.volume.heights
+                raise NotFoundError(
+                    f"no path leads from start to goal between {low:g} and {high:g} m: every way "
+                    f"is too narrow for the {self.checker.size}."
+                )
             budget_text = f"{seconds:g} s" if iterations is None else f"{iterations} iterations"
             raise NotFoundError(
                 f"planner {planner_name!r} found no path in its {budget_text}; give it more, or "
@@ -180,17 +185,6 @@ class FlightPlanner:
             curve = (*curve, (time.perf_counter() - started, cost))
         body = self.checker.radius, self.checker.half_height
         return FlightRoute(points, cost, length, curve, self.service, *body, planner_name, seed)
-
-    def _parted(self, start: tuple[float, ...], goal: tuple[float, ...]) -> bool:
-        """Return whether the free cells nearest to start and goal are not connected."""
-        from scipy.ndimage import label
-
-        free = self.service.volume.dataset["free"]
-        pieces = free.copy(data=label(free.values)[0])
-        first, last = (
-            int(pieces.sel(x=x, y=y, z=z, method="nearest")) for x, y, z in (start, goal)
-        )
-        return first != last
 
     def _checked(self, name: str, point: Sequence[float]) -> tuple[float, ...]:
         """Return a start or goal as numbers.

@@ -94,17 +94,16 @@ def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
     robot = RoutePlanner(demo)
     certify(robot, robot.plan((3.0, 3.0), (12.0, 6.0)), gap=1e-3, cells=10_000)
     rng, step = np.random.default_rng(0), 1e-5
-    assert len({grid.edge for grid, _ in seen}) >= 2
+    assert len({grid.edges for grid, _ in seen}) >= 2
     for grid, values in seen:
         cells = np.argwhere(grid.open_cells)
-        rows, columns = cells[rng.integers(len(cells), size=500)].T
-        x = grid.x0 + grid.edge * (columns + rng.uniform(0.01, 0.99, 500))
-        y = grid.y0 + grid.edge * (rows + rng.uniform(0.01, 0.99, 500))
+        drawn = cells[rng.integers(len(cells), size=500)] + rng.uniform(0.01, 0.99, (500, 2))
+        y, x = (np.array(grid.origin) + np.array(grid.edges) * drawn).T
         for bound in values:
             slope = [
                 math.hypot(
-                    grid.at(bound, (a + step, b)) - grid.at(bound, (a - step, b)),
-                    grid.at(bound, (a, b + step)) - grid.at(bound, (a, b - step)),
+                    grid.at(bound, (b, a + step)) - grid.at(bound, (b, a - step)),
+                    grid.at(bound, (b + step, a)) - grid.at(bound, (b - step, a)),
                 )
                 / (2.0 * step)
                 for a, b in zip(x, y, strict=True)

@@ -27,8 +27,10 @@ from ambinav import (
 )
 from ambinav.casting.solids import with_solids
 from ambinav.runtime.errors import InputError
-from ambinav_planners import FlightObjective, FlightPlanner, FlightRoute, load_flight
+from ambinav_planners import FlightObjective, FlightPlanner, FlightRoute, certify, load_flight
 from ambinav_planners.planning import NotFoundError
+from ambinav_planners.search import lower_bound_in_space as bounds_module
+from ambinav_planners.search.lower_bound_in_space import lower_bound_in_space
 
 RADIUS = 0.2
 START, GOAL = (1.0, 2.0, 0.5), (7.0, 3.1, 0.5)
@@ -138,8 +140,108 @@ def test_the_cost_is_at_least_the_length_in_space(robot: FlightPlanner) -> None:
 def test_a_closed_hatch(volume: AmbiguityVolume) -> None:
     door = Solid(shapely.box(FENCE[0], 0.0, FENCE[1], 5.0), FENCE[2], 2.4)
     shut = FlightPlanner(volume, room(door), RADIUS)
-    with pytest.raises(NotFoundError, match=r"\'rrtstar\' found no path in its 0\.1 s; give it m"):
+    with pytest.raises(NotFoundError, match=r"between 0\.5 and 2 m: .* for the radius of 0\.2 m"):
         shut.plan(START, GOAL, planner_name="rrtstar", seconds=0.1)
+    # A slit of 0.1 m more than the robot may be a way on the grid, so nothing is proved.
+    slit = Solid(shapely.box(FENCE[0], 0.0, FENCE[1], 4.5), FENCE[2], 2.4)
+    narrow = FlightPlanner(volume, room(slit), RADIUS)
+    with pytest.raises(
+        NotFoundError, match=r"\'rrtstar\' found no path in its 1 iter.*; give it m"
+    ):
+        narrow.plan(START, GOAL, planner_name="rrtstar", seconds=9.0, iterations=1)
+
+
+@pytest.fixture(scope="module")
+def by_length(volume: AmbiguityVolume) -> FlightPlanner:
+    return FlightPlanner(VolumeService(volume, weight=0.0), room(), RADIUS)
+
+
+@pytest.mark.slow
+def test_the_bound_of_the_way_over_the_fence(by_length: FlightPlanner) -> None:
+    # Tangents, arcs and the piece between at the robot's radius; slanted, it is unrolled.
+    rise = FENCE[2] - START[2]
+    straight = 0.0
+    for away in (FENCE[0] - START[0], GOAL[0] - FENCE[1]):
+        tangent = math.sqrt(away**2 + rise**2 - RADIUS**2)
+        turned = math.atan2(away, rise) - math.asin(RADIUS / math.hypot(away, rise))
+        straight += tangent + RADIUS * (math.pi / 2.0 - turned)
+    shortest = math.hypot(straight + FENCE[1] - FENCE[0], GOAL[1] - START[1])
+    route = by_length.plan(
+        START, GOAL, planner_name="informed-rrtstar", iterations=3000, seconds=60.0
+    )
+    proof = certify(by_length, route, cells=30_000)
+    assert proof.bound < shortest <= route.cost
+    assert proof.bound > 0.96 * shortest
+    known = 1.5 * shortest
+    bound, _ = lower_bound_in_space(
+        by_length.service, by_length.checker, START, GOAL, known, 0.01, 3_000
+    )
+    assert 0.0 < bound < shortest
+
+
+@pytest.mark.slow
+def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
+    robot: FlightPlanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute, seen = bounds_module._bounds, []
+
+    def kept(grid, *arguments):
+        seen.append((grid, compute(grid, *arguments)))
+        return seen[-1][1]
+
+    monkeypatch.setattr(bounds_module, "_bounds", kept)
+    certify(robot, flight(robot, [(2.5, 2.0, 1.5), (3.5, 2.2, 1.6)]), gap=1e-3, cells=10_000)
+    rng, step = np.random.default_rng(0), 1e-5
+    assert len({grid.edges for grid, _ in seen}) >= 2
+    for grid, values in seen:
+        cells = np.argwhere(grid.open_cells)
+        drawn = cells[rng.integers(len(cells), size=200)] + rng.uniform(0.01, 0.99, (200, 3))
+        places = np.array(grid.origin) + np.array(grid.edges) * drawn
+        price = [robot.service.near(x, y, z) for y, x, z in places.tolist()]
+        for bound in values:
+            rises = [
+                [grid.at(bound, (*place,)) for place in (places + sign * step * axis).tolist()]
+                for axis in np.eye(3)
+                for sign in (1.0, -1.0)
+            ]
+            ahead, behind = np.array(rises).reshape(3, 2, -1).transpose(1, 0, 2)
+            slope = np.linalg.norm(ahead - behind, axis=0) / (2.0 * step)
+            assert (slope <= np.array(price) + 1e-5).all()
+            assert slope.max() > 0.9
+
+
+@pytest.mark.slow
+def test_no_motion_costs_less_than_the_bound(robot: FlightPlanner) -> None:
+    rng = np.random.default_rng(3)
+    ends = rng.uniform((0.3, 0.3, 0.5), (7.7, 4.7, 2.0), (200, 2, 3))
+    ends = ends[robot.checker.motions_free(ends[:, 0], ends[:, 1])]
+    for start, goal in ends[np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 2.0][:1].tolist():
+        cost = robot.service.route_cost([start, goal])
+        # A bound that is not held down by what is known.
+        bound, _ = lower_bound_in_space(
+            robot.service, robot.checker, start, goal, 1.5 * cost, 0.01, 1_000
+        )
+        assert 0.3 * cost < bound <= cost
+
+
+def test_what_cannot_be_certified(robot: FlightPlanner, by_length: FlightPlanner) -> None:
+    through = flight(robot, [START, GOAL])
+    with pytest.raises(InputError, match="cannot fly the route: it touches a surface"):
+        certify(robot, through)
+    with pytest.raises(InputError, match="cells is 0; give a number above 0"):
+        certify(robot, through, cells=0)
+    # At the weight of the route, not of the robot.
+    near = flight(robot, [START, (2.0, 2.0, 0.5)])
+    assert certify(by_length, near, cells=1).cost == pytest.approx(near.cost)
+    assert certify(robot, flight(robot, [START, START])).gap == 0.0
+
+
+def flight(robot: FlightPlanner, points: list[tuple[float, float, float]]) -> FlightRoute:
+    """Return a flight along given points."""
+    rows = np.array(points)
+    length = float(np.linalg.norm(np.diff(rows, axis=0), axis=1).sum())
+    cost = robot.service.route_cost(rows)
+    return FlightRoute(rows, cost, length, (), robot.service, RADIUS, None, "given", None)
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,8 @@ def best_mixes(rows: Sequence[FleetFigures]) -> tuple[MixPart, ...]:
     if not sites:
         return ()
     bad, share = np.full((2, len(sites), len(names)), np.inf)
-    for (site, name), row in figures.items():
-        cell = sites.index(site), names.index(name)
+    for (place, name), row in figures.items():
+        cell = sites.index(place), names.index(name)
         bad[cell], share[cell] = row.bad_m2, row.bad_share
     mixes, before = list[MixPart](), np.inf
     for size in range(1, min(KINDS, len(names)) + 1):

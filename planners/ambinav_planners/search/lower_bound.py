@@ -4,16 +4,13 @@ The bound is that of `search.subsolution` for the position of the robot's centre
 disc within the footprint cannot be, no path leads, and a motion costs at least the cost per metre
 times its length in the plane. So it holds for all spaces; where the robot may face any way while
 it moves, the cost is taken at the best heading.
-
-A path that costs no more than one that is known stays where the bounds from the start and to the
-goal together are no higher. On that part alone the next grid is laid, with cells of half the edge.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from itertools import chain, repeat
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -26,6 +23,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.threads import run_rows, share
 from ambinav.service.field import Field
 from ambinav_planners.problem import Problem
+from ambinav_planners.search.proof_grid import BINS, ROUNDING, Place, ProofGrid, flattened, prove
 from ambinav_planners.search.subsolution import (
     allowed_radii,
     relax,
@@ -37,22 +35,16 @@ from ambinav_planners.search.subsolution import (
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
-Place = tuple[float, float]
 
-# Iterations of `relax` on the first grid and on the finer ones, one number a round: after each,
-# fewer cells are left.
-FIRST_ROUNDS, FIRST_ROUNDS_BY_HEADING, ROUNDS = (0, 10, 20, 40), (0, 20, 80, 320), (20, 40, 80)
+# Iterations of `relax` on the first grid, as `ROUNDS`.
+FIRST_ROUNDS, FIRST_ROUNDS_BY_HEADING = (0, 10, 20, 40), (0, 20, 80, 320)
 # What a finer grid has to relax is about half of what the one before it had: it grows with the
 # edge of a cell. Where costs depend on the heading, upwind costs are not that near, and a finer
 # grid goes on from all that the one before it found.
 CARRIED = 0.5
-# Share of the bound that is given up for rounding.
-ROUNDING = 1e-6
 # Directions in which gradients are limited, headings at which costs are looked at for that, at
 # least, and marches until the directions of the costs are known.
 DIRECTIONS, HEADINGS, TURNS = 64, 128, 3
-# Ranges of values that are flattened apart.
-BINS = 20_000
 
 
 def directions(count: int = DIRECTIONS) -> Floats:
@@ -79,67 +71,6 @@ def weights_of_headings(circle: Floats, headings: int) -> Floats:
 CIRCLE = directions()
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Square grid of cells with 3 x 3 vertices each, of which cells share those on their edges.
-
-    Attributes:
-        x0: x of the first column of vertices, metres.
-        y0: y of the first row.
-        edge: Edge of a cell, two steps from vertex to vertex.
-        open_cells: Cells that paths may meet, bool, ((R - 1) / 2, (C - 1) / 2).
-        kept: Costs to the goal and from the start after `relax`, (2, R, C); where costs do not
-            depend on the heading, only by how much they differ from upwind costs.
-    """
-
-    x0: float
-    y0: float
-    edge: float
-    open_cells: Bools
-    kept: Floats
-
-    @property
-    def axes(self) -> tuple[Floats, Floats]:
-        """Columns' x and rows' y of the vertices, metres."""
-        rows, columns = self.kept.shape[1:]
-        x, y = (
-            np.asarray(origin + 0.5 * self.edge * np.arange(count))
-            for origin, count in ((self.x0, columns), (self.y0, rows))
-        )
-        return x, y
-
-    def halved(self, carried: float) -> _Grid:
-        """Return the part with open cells, with cells of half the edge and a share of `kept`."""
-        i, j = (np.flatnonzero(self.open_cells.any(axis=axis)) for axis in (1, 0))
-        rows, columns = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
-        cells = self.open_cells[rows, columns].repeat(2, axis=0).repeat(2, axis=1)
-        coarse = self.kept[:, 2 * i[0] : 2 * i[-1] + 3, 2 * j[0] : 2 * j[-1] + 3]
-        fine = np.empty((2, 2 * cells.shape[0] + 1, 2 * cells.shape[1] + 1))
-        fine[:, ::2, ::2] = carried * coarse
-        fine[:, 1::2, ::2] = 0.5 * (fine[:, :-1:2, ::2] + fine[:, 2::2, ::2])
-        fine[:, :, 1::2] = 0.5 * (fine[:, :, :-1:2] + fine[:, :, 2::2])
-        x0, y0 = self.x0 + self.edge * j[0], self.y0 + self.edge * i[0]
-        return _Grid(float(x0), float(y0), 0.5 * self.edge, cells, fine)
-
-    def cell(self, place: Place) -> tuple[int, int]:
-        """Return row and column of the cell around a place."""
-        i, j = ((place[1] - self.y0) // self.edge, (place[0] - self.x0) // self.edge)
-        rows, columns = self.open_cells.shape
-        return min(max(int(i), 0), rows - 1), min(max(int(j), 0), columns - 1)
-
-    def at(self, values: Floats, place: Place) -> float:
-        """Return the quadratic with coefficients at the vertices, (R, C), at a place."""
-        i, j = self.cell(place)
-        u, v = (place[0] - self.x0) / self.edge - j, (place[1] - self.y0) / self.edge - i
-        along, up = (np.array([(1.0 - w) ** 2, 2.0 * w * (1.0 - w), w * w]) for w in (u, v))
-        return float(up @ values[2 * i : 2 * i + 3, 2 * j : 2 * j + 3] @ along)
-
-    def least(self, values: Floats) -> Floats:
-        """Return the least coefficient of each cell: its quadratic is nowhere lower."""
-        rows = np.minimum(np.minimum(values[:-1:2], values[1::2]), values[2::2])
-        return np.minimum(np.minimum(rows[:, :-1:2], rows[:, 1::2]), rows[:, 2::2])
-
-
 def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple[float, float]:
     """Return a lower bound of the cost of all paths, and the edge of the finest cells, metres.
 
@@ -151,33 +82,31 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
         cells: No grid with more open cells than these is begun.
     """
     spacing, shape = problem.service.map.spacing, problem.service.density.free.shape
+    x, y = problem.service.density.origin[:2]
     # Its cells lie between the centres of the map's, with one row more on all sides.
-    grid = _Grid(
-        problem.service.density.origin[0] - spacing,
-        problem.service.density.origin[1] - spacing,
-        spacing,
+    grid = ProofGrid(
+        (y - spacing, x - spacing),
+        (spacing, spacing),
         np.ones((shape[0] + 1, shape[1] + 1), dtype=np.bool_),
         np.zeros((2, 2 * shape[0] + 3, 2 * shape[1] + 3)),
     )
-    best, places, radii = 0.0, (problem.goal[:2], problem.start[:2]), _allowed(problem)
-    first = FIRST_ROUNDS if radii.values.shape[2] == 1 else FIRST_ROUNDS_BY_HEADING
-    for rounds in chain([first], repeat(ROUNDS)):
-        grid = replace(grid, open_cells=_met_by_paths(grid, problem.checker))
-        to_goal = 0.5 * grid.edge * radii.on(*grid.axes)
+    goal, start = ((place[1], place[0]) for place in (problem.goal, problem.start))
+    radii = _allowed(problem)
+    by_heading = radii.values.shape[2] > 1
+
+    def bounds_on(grid: ProofGrid) -> Callable[[ProofGrid, int], Floats]:
+        y, x = grid.axes
+        to_goal = 0.5 * grid.edges[0] * radii.on(x, y)
         # Away from the start costs rise in the direction of travel, not against it.
         limits = to_goal, np.roll(to_goal, to_goal.shape[2] // 2, axis=2)
-        for iterations in rounds:
-            bounds = _bounds(grid, limits, places, known, iterations)
-            best = max(best, *(grid.at(bounds[k], places[1 - k]) for k in (0, 1)))
-            if best >= (1.0 - gap) * known:
-                return min(best, known), grid.edge
-            least = grid.least(bounds[0] + bounds[1])
-            near = grid.open_cells & (least <= known * (1.0 + ROUNDING))
-            grid = replace(grid, open_cells=near)
-        if 4 * np.count_nonzero(grid.open_cells) > cells:
-            break
-        grid = grid.halved(CARRIED if to_goal.shape[2] == 1 else 1.0)
-    return min(best, known), grid.edge
+        return lambda part, iterations: _bounds(part, limits, (goal, start), known, iterations)
+
+    bound, grid = prove(
+        grid, lambda grid: _met_by_paths(grid, problem.checker), bounds_on, (goal, start),
+        known, gap, cells, first=FIRST_ROUNDS_BY_HEADING if by_heading else FIRST_ROUNDS,
+        carried=1.0 if by_heading else CARRIED,
+    )  # fmt: skip
+    return bound, grid.edges[0]
 
 
 def _allowed(problem: Problem) -> Field:
@@ -198,7 +127,7 @@ def _allowed(problem: Problem) -> Field:
 
 
 def _bounds(
-    grid: _Grid,
+    grid: ProofGrid,
     limits: tuple[NDArray[np.float32], NDArray[np.float32]],
     places: tuple[Place, Place],
     known: float,
@@ -206,7 +135,8 @@ def _bounds(
 ) -> Floats:
     """Return lower bounds of costs to the first place and from the second, (2, R, C).
 
-    Beyond `known` they are about as much. What the grid has kept goes on from where it was.
+    Beyond `known` they are about as much. What the grid has kept goes on from where it was; where
+    costs do not depend on the heading, that is by how much they differ from upwind costs.
     """
     by_heading = limits[0].shape[2] > 1
     bounds = np.empty_like(grid.kept)
@@ -221,19 +151,16 @@ def _bounds(
             relax(cost, limits[k], CIRCLE, cells, iterations)
             grid.kept[k] = cost if by_heading else cost - upwind
             cost = cost.clip(0.0, known)
-            worst = steepness(cost, limits[k], CIRCLE, cells, known, BINS)
-            flat = np.concatenate([[0.0], np.cumsum((known / BINS) / worst)])
-            cost = np.interp(cost, np.linspace(0.0, known, BINS + 1), flat * (1.0 - ROUNDING))
+            cost = flattened(cost, steepness(cost, limits[k], CIRCLE, cells, known, BINS), known)
             bounds[k] = cost - grid.at(cost, places[k])
 
     share(compute, 2)
     return bounds
 
 
-def _upwind(grid: _Grid, radii: NDArray[np.float32], place: Place, known: float) -> Floats:
+def _upwind(grid: ProofGrid, radii: NDArray[np.float32], place: Place, known: float) -> Floats:
     """Return upwind costs to a place, (R, C), at most `known`."""
-    i, j = grid.cell(place)
-    seeds = ((2 * i + np.arange(3))[:, np.newaxis] * radii.shape[1] + 2 * j + np.arange(3)).ravel()
+    seeds = np.arange(radii[:, :, 0].size).reshape(radii.shape[:2])[grid.block(place)].ravel()
     step, order = radii.max(axis=2).astype(np.float64), 1 if radii.shape[2] > 1 else 2
     cost = upwind_costs(step, grid.open_cells, seeds, known, order)
     for _ in range(TURNS if radii.shape[2] > 1 else 0):
@@ -245,12 +172,10 @@ def _upwind(grid: _Grid, radii: NDArray[np.float32], place: Place, known: float)
     return np.asarray(cost)
 
 
-def _met_by_paths(grid: _Grid, checker: CollisionChecker) -> Bools:
+def _met_by_paths(grid: ProofGrid, checker: CollisionChecker) -> Bools:
     """Return which open cells of a grid hold, or may hold, a place for the robot's centre."""
-    i, j = np.nonzero(grid.open_cells)
-    x = np.asarray(grid.x0 + (j + 0.5) * grid.edge, dtype=np.float64)
-    y = np.asarray(grid.y0 + (i + 0.5) * grid.edge, dtype=np.float64)
-    half = 0.5 * grid.edge
+    (i, j), (y, x) = grid.centres()
+    half = 0.5 * grid.edges[0]
     # The centre of a cell is nearer to a wall than another of its points by this much at most.
     radius = (checker.footprint.inner - math.sqrt(2.0) * half) * (1.0 - ROUNDING)
     if radius > 0.0:
