@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from task_baselines import BASELINES, Baseline, Histogram
 
 from ambinav.logs.frames import between, compose
+from ambinav.runtime.array_types import Bools
 from ambinav.sensing.casting import cast_beams
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools
 from ambinav_envs.rewards import weights_of
 from ambinav_envs.simulation.layout import RUNNING
 from ambinav_envs.simulation.observe import FAR, ahead, polar

@@ -37,11 +37,7 @@ from ambinav.studies.audit.aliased_pairs import LEAST_DISTANCE, find_aliased_pai
 from ambinav.studies.audit.aliasing import SPACING, seek
 
 # The spacings that come nearest to 20 000 poses, and one that is quickly done.
-CASES = (
-    ("demo", 0.218, 4.0),
-    ("aces", 0.25, 8.0),
-    ("willow_full_005", 0.25, 4.0),
-)
+CASES = (("demo", 0.218, 4.0), ("aces", 0.25, 8.0), ("willow_full_005", 0.25, 4.0))
 USUAL = ("demo", "aces")
 # The tiles of stata_tiled_2x9_huge: pixels of 0.05 m from its left and its upper edge.
 TILE_COLUMNS = (0, 1748)

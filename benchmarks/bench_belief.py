@@ -77,13 +77,7 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Drive, predict and print the table."""
-    args = arguments(
-        __doc__,
-        maps=MAPS,
-        routes=4,
-        runs=30,
-        seed=7,
-    )
+    args = arguments(__doc__, maps=MAPS, routes=4, runs=30, seed=7)
     numba.set_num_threads(1)
     rows = []
     for name in args.maps:

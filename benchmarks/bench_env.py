@@ -278,8 +278,7 @@ def main() -> None:
             f"on the ranges. Wanted on 2 cores: {WANTED // 1000} thousand steps a second of 64 "
             f"robots or more, {WANTED_ALONE // 1000} thousand of one.",
             table(
-                ("robots", "window", "threads", "thousand steps a second", "steps an episode"),
-                rows,
+                ("robots", "window", "threads", "thousand steps a second", "steps an episode"), rows
             ),
             "## What a step is made of\n\n64 robots on one thread, microseconds a robot and step, "
             "the kernel alone.",

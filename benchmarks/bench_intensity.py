@@ -36,10 +36,7 @@ TAGS = (15.0, 30.0, 45.0)
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)
 SCANNER, BEAMS = "hokuyo-ust-10lx", 181
 RUNS = 30
-ODOMETRY = {
-    "even wheels": OdometryNoise(),
-    "worn wheels": OdometryNoise(bias_distance=0.03),
-}
+ODOMETRY = {"even wheels": OdometryNoise(), "worn wheels": OdometryNoise(bias_distance=0.03)}
 SEED = 23
 
 

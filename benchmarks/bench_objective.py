@@ -47,9 +47,7 @@ def batch_table(cost: AmbiguityService, robot: RoutePlanner, repeats: int) -> st
     states = poses_of(robot, STATES, rng)
     a = poses_of(robot, MOTIONS, rng)
     b = a + rng.normal(0.0, REACH / 2.0, size=a.shape)
-    runs: dict[str, Any] = {
-        "states: `service.cost`": lambda: cost.cost(states[:, 0], states[:, 1]),
-    }
+    runs: dict[str, Any] = {"states: `service.cost`": lambda: cost.cost(states[:, 0], states[:, 1])}
     runs |= {
         f"motions of about {REACH:g} m, {s.space}: `service.motion_costs`": (
             lambda s=s: cost.motion_costs(a, b, s)

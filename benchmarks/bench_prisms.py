@@ -54,11 +54,7 @@ def exactly(
 
 
 def differences(
-    prisms: Prisms,
-    scene: EmbreeScene,
-    rays: SpaceRays,
-    at: NDArray[np.float64],
-    max_range: float,
+    prisms: Prisms, scene: EmbreeScene, rays: SpaceRays, at: NDArray[np.float64], max_range: float
 ) -> tuple[object, ...]:
     """Return how often and by how much ranges differ, and the error of those to float64."""
     ours = prisms.cast_scans(*at.T, rays, max_range, incidence=False)[0].ravel()

@@ -21,12 +21,7 @@ from typing import Any
 import numpy as np
 from harness import arguments, data_file, kept_or_made, option, report, table
 from real_scans.plot_real_log import plot_real_log
-from real_scans.rank_agreement import (
-    RankAgreement,
-    floor_squares,
-    rank_agreement,
-    spearman,
-)
+from real_scans.rank_agreement import RankAgreement, floor_squares, rank_agreement, spearman
 from real_scans.real_log import PAIR_RADIUS, STRETCH, RealLog, study_log
 
 from ambinav.logs.carmen import read_carmen
@@ -105,10 +100,7 @@ def own_map(study: RealLog) -> dict[str, RankAgreement]:
     at = {int(k): i for i, k in enumerate(study.alone)}
     row = np.array([at[int(k)] for k in scans])
     agreements["pairs"] = rank_agreement(
-        study.map_says["level"][row],
-        rank,
-        floor_squares(*study.place(scans), SQUARE),
-        rng,
+        study.map_says["level"][row], rank, floor_squares(*study.place(scans), SQUARE), rng
     )
     return agreements
 

@@ -18,16 +18,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from harness import (
-    arguments,
-    environment_path,
-    option,
-    recorded_maps,
-    report,
-    spread,
-    table,
-    timed,
-)
+from harness import arguments, environment_path, option, recorded_maps, report, spread, table, timed
 from lasers import laser
 
 from ambinav.buildings.load import load_environment

@@ -52,10 +52,7 @@ RAY_SUM = {**CONE_RAYS, "laser_model_type": "beam"}
 REGISTERED: dict[str, dict[str, str | dict[str, Any]]] = {
     "product": {"localizer": {"type": "mcl", **FIELD_PRODUCT}, "otherwise": "mcl"},
     "rays": {"localizer": {"type": "mcl", **CONE_PRODUCT}},
-    "sum": {
-        "localizer": {"type": "mcl", **FIELD_SUM},
-        "otherwise": {"type": "mcl", **RAY_SUM},
-    },
+    "sum": {"localizer": {"type": "mcl", **FIELD_SUM}, "otherwise": {"type": "mcl", **RAY_SUM}},
     "amcl": {"localizer": "amcl"},
     "kalman": {"localizer": "ekf"},
 }

@@ -38,15 +38,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import (
-    appended,
-    environment_path,
-    kept_rows,
-    option,
-    parser_of,
-    recorded_maps,
-    report,
-)
+from harness import appended, environment_path, kept_rows, option, parser_of, recorded_maps, report
 from numpy.typing import NDArray
 from reflector_drives_tables import IN_VIEW, LAYOUTS, SURE, body
 from scipy.spatial import KDTree

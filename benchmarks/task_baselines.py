@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
@@ -18,7 +19,7 @@ from ambinav_envs.leaderboard.waypoint import SEES, WaypointFollower
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.load import load_policy
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools, Policy
+from ambinav_envs.policies.policy import Policy
 from ambinav_envs.simulation.layout import MOTIONS, RUNNING
 from ambinav_envs.simulation.observe import ahead, polar
 from ambinav_envs.simulation.simulation import Simulation

@@ -62,8 +62,7 @@ def test_lanes_and_preferred_floor(plan_folder: Path) -> None:
     ):
         collection(plan_folder / "l.geojson", ("Polygon", box, {"direction": angle}))
         result = CliRunner().invoke(
-            app,
-            ["plan", "map.zarr", *ENDS, "--one-way", "l.geojson", *more, "-o", f"{name}.csv"],
+            app, ["plan", "map.zarr", *ENDS, "--one-way", "l.geojson", *more, "-o", f"{name}.csv"]
         )
         assert result.exit_code == (2 if name == "west" else 0), result.output
         if name == "west":

@@ -277,11 +277,7 @@ def begin(folder: Path, words: Sequence[str]) -> subprocess.Popen[str]:
     """A command in a group of processes of its own, as a shell starts it."""
     return subprocess.Popen(
         [sys.executable, "-m", "ambinav.cli", *words],
-        env={
-            **os.environ,
-            "PYTHONPATH": PATHS,
-            "AMBINAV_CACHE": str(folder / "cache"),
-        },
+        env={**os.environ, "PYTHONPATH": PATHS, "AMBINAV_CACHE": str(folder / "cache")},
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.casting.added import AddedWalls
 from ambinav.casting.mesh.mesh import Mesh
@@ -15,8 +14,8 @@ from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import repeated, row_keys
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments, edges_of
+from ambinav.runtime.array_types import Bools, Floats
 
-Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 # An edge around everything, metres.
@@ -88,7 +87,7 @@ def _rows(segments: Segments, others: Segments) -> Floats:
     return np.asarray(segments.xy[_missing(mine, theirs)])
 
 
-def _missing(rows: Floats, others: Floats) -> NDArray[np.bool_]:
+def _missing(rows: Floats, others: Floats) -> Bools:
     """Return which rows the other array does not contain, bit for bit."""
     known = set(row_keys(others))
     return np.array([row not in known for row in row_keys(rows)], dtype=np.bool_)

@@ -28,6 +28,7 @@ from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.provenance import library_version
 from ambinav.sensing.robot_radius import robot_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -36,7 +37,7 @@ from ambinav.version import __version__
 SUMMARY = {"mean": "mean over heading", "best": "at the best heading", "worst": "at the worst one"}
 LIBRARIES = ("numpy", "numba", "shapely", "xarray")
 
-Values = dict[str, NDArray[np.float64]]
+Values = dict[str, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,9 @@ class LatticeSums:
         turning: Turning moments, shape (N, 2), or None.
     """
 
-    sums: NDArray[np.float64]
-    unknown: NDArray[np.float64]
-    turning: NDArray[np.float64] | None
+    sums: Floats
+    unknown: Floats
+    turning: Floats | None
 
 
 def assemble(
@@ -60,7 +61,7 @@ def assemble(
     scanner: RangeScanner,
     thinned: RangeScanner,
     model: AmbiguityModel,
-    theta: NDArray[np.float64] | None,
+    theta: Floats | None,
     results: LatticeSums,
 ) -> xr.Dataset:
     """Make the dataset of an ambiguity map.
@@ -104,10 +105,7 @@ def clearance_layer(lattice: Lattice) -> xr.DataArray:
 
 
 def pose_layers(
-    lattice: Lattice,
-    model: AmbiguityModel,
-    theta: NDArray[np.float64] | None,
-    results: LatticeSums,
+    lattice: Lattice, model: AmbiguityModel, theta: Floats | None, results: LatticeSums
 ) -> dict[str, xr.DataArray]:
     """Return the layers that the beams determine, as variables over the lattice.
 
@@ -149,8 +147,8 @@ def with_building(
     scanner: RangeScanner,
     thinned: RangeScanner,
     model: AmbiguityModel,
-    theta: NDArray[np.float64] | None,
-    solid: NDArray[np.bool_] | None = None,
+    theta: Floats | None,
+    solid: Bools | None = None,
 ) -> xr.Dataset:
     """Make the dataset of a map from its layers and the building.
 
@@ -175,7 +173,7 @@ def with_building(
     return xr.Dataset(plain, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
-def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataArray]:
+def _building(lattice: Lattice, solid: Bools) -> dict[str, xr.DataArray]:
     """Return the variables of the map that describe the building."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
@@ -210,7 +208,7 @@ def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataAr
     }
 
 
-def _outline(free: BaseGeometry) -> NDArray[np.uint8]:
+def _outline(free: BaseGeometry) -> Bytes:
     """Encode a polygon as well-known binary."""
     return np.frombuffer(shapely.to_wkb(free), dtype=np.uint8).copy()
 
@@ -233,9 +231,9 @@ def _attributes(title: str, unit: str) -> dict[str, str]:
 
 def _summarize(
     layers: Values,
-    zone: NDArray[np.uint8],
-    theta: NDArray[np.float64],
-    sums: NDArray[np.float64],
+    zone: Bytes,
+    theta: Floats,
+    sums: Floats,
     model: AmbiguityModel,
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
@@ -267,7 +265,7 @@ def _provenance(
     scanner: RangeScanner,
     thinned: RangeScanner,
     model: AmbiguityModel,
-    theta: NDArray[np.float64] | None,
+    theta: Floats | None,
 ) -> dict[str, str]:
     """Return attributes with everything the map was made from."""
     env = lattice.environment

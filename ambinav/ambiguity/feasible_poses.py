@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.fan import distinct_rows, scan_plan
 from ambinav.casting.space import SpaceCaster, SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -29,11 +29,11 @@ UNEVEN = 0.1
 def can_stand(
     env: Environment,
     scanner: RangeScanner,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    x: Floats,
+    y: Floats,
     theta: float,
     robot_radius: float = 0.0,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return whether the robot can stand at the poses (x, y, theta).
 
     It can where its body, a disc, its centre and all of its sensors are in the free space and touch
@@ -81,13 +81,8 @@ def can_stand(
 
 
 def _free_in_space(
-    space: SpaceCaster,
-    floor: float,
-    scanner: RangeScanner,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: float,
-) -> NDArray[np.bool_]:
+    space: SpaceCaster, floor: float, scanner: RangeScanner, x: Floats, y: Floats, theta: float
+) -> Bools:
     """Return whether no solid is at the sensors, nor between them and the robot's axis."""
     places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
     off = np.hypot(places[:, 0], places[:, 1])
@@ -109,11 +104,8 @@ def _free_in_space(
 
 
 def standing(
-    lattice: Lattice,
-    scanner: RangeScanner,
-    headings: NDArray[np.float64],
-    robot_radius: float = 0.0,
-) -> NDArray[np.bool_]:
+    lattice: Lattice, scanner: RangeScanner, headings: Floats, robot_radius: float = 0.0
+) -> Bools:
     """Compute `can_stand` at the free points of a lattice, shape (N, H) for H headings."""
     x, y = lattice.points
     return np.stack(
@@ -126,11 +118,8 @@ def standing(
 
 
 def standing_lattice(
-    lattice: Lattice,
-    scanner: RangeScanner,
-    headings: NDArray[np.float64],
-    robot_radius: float = 0.0,
-) -> tuple[Lattice, NDArray[np.bool_]]:
+    lattice: Lattice, scanner: RangeScanner, headings: Floats, robot_radius: float = 0.0
+) -> tuple[Lattice, Bools]:
     """Return the lattice without points where the robot can stand at no heading.
 
     Returns:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.ambiguity.batch import (
@@ -20,6 +19,7 @@ from ambinav.ambiguity.batch import (
 )
 from ambinav.ambiguity.gaussian import F0, F1, FAST, S, T, U, aligned
 from ambinav.ambiguity.returns import BeamTable, Returns
+from ambinav.runtime.array_types import Floats, Floats32, UInts
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES, lane, lanes, load, root, store, totals, where, wide
 from ambinav.runtime.threads import run_rows
@@ -41,7 +41,7 @@ HALVINGS = 6
 MOST_TURNS, FEWEST_TURNS = 360, 60
 
 
-def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
+def turns(scanner: RangeScanner) -> UInts:
     """Return where each beam goes, for each turn by 2 pi k / n that maps the beams to themselves.
 
     Returns:
@@ -71,7 +71,7 @@ def _turns_of(order: int) -> int:
     return order if order <= MOST_TURNS or parts[-1] < FEWEST_TURNS else parts[-1]
 
 
-def turn_cells(order: int) -> NDArray[np.float64]:
+def turn_cells(order: int) -> Floats:
     """Return the turns to compare, up to `WINDOW` to both sides, as Gaussians.
 
     Those by whole steps turn the beams and are half a step wide. Shorter ones turn the scan along
@@ -111,12 +111,12 @@ def turning_moments(
     returns: Returns,
     begin: int,
     end: int,
-    beams: NDArray[np.uint64],
+    beams: UInts,
     table: BeamTable,
-    evidence: NDArray[np.float32] | None,
+    evidence: Floats32 | None,
     tau: float,
     spacing: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Compute the root of the second moment of turns that leave the scan alike, radians.
 
     Args:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.sensing.sensor import RangeSensor
 
 # The steps of the table of evidence, in effective deviations, and how far it reaches.
@@ -31,7 +32,7 @@ FINEST_STD = 1e-3
 SHARPNESS = 4.0
 
 
-def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
+def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> Floats:
     """Compute J: probability of equal readings of two true ranges, metres, inf: no echo; broadcast.
 
     Sums P(k | first) P(k | second) over all readings k (docs/model.md), so it depends on where the
@@ -42,9 +43,7 @@ def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> ND
     return np.asarray(product.sum(axis=-1))
 
 
-def indistinguishability(
-    sensor: RangeSensor, first: ArrayLike, second: ArrayLike
-) -> NDArray[np.float64]:
+def indistinguishability(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> Floats:
     """Compute rho: `same_reading` relative to each range with itself, (0, 1]; broadcast."""
     first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
     p, q = sensor.reading_probabilities(first), sensor.reading_probabilities(second)
@@ -54,7 +53,7 @@ def indistinguishability(
 
 def same_reading_averaged(
     difference: ArrayLike, std1: ArrayLike, std2: ArrayLike, resolution: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Average J over the phase of the bins in closed form (docs/model.md), broadcast.
 
     Args:
@@ -71,7 +70,7 @@ def same_reading_averaged(
     t = np.hypot(std1, std2)
     safe = np.where(t > 0.0, t, 1.0)
 
-    def f(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def f(u: Floats) -> Floats:
         smooth = u * ndtr(u / safe) + safe / math.sqrt(2 * math.pi) * np.exp(-0.5 * (u / safe) ** 2)
         return np.where(t > 0.0, smooth, np.maximum(u, 0.0))
 
@@ -80,7 +79,7 @@ def same_reading_averaged(
     return np.asarray(np.maximum(value, 0.0))
 
 
-def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
+def evidence(z: ArrayLike, width: float) -> Floats:
     """Compute -log rho of ranges that differ by `z` effective deviations, at most `MOST`.
 
     The effective variance of a reading is s^2 = sigma^2 + delta^2 / 12. With it the evidence of
@@ -98,7 +97,7 @@ def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
         return np.asarray(np.minimum(-np.log(value / peak), MOST))
 
 
-def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
+def evidence_table(widths: Floats) -> Floats32:
     """Tabulate `evidence` over z^2 / 4 of fine bins, at multiples of `Z_STEP`: float32, (W, Z).
 
     One row a width, from z = 0 to `Z_MAX` and one step more; the ratio is smooth where the

@@ -9,13 +9,13 @@ How two scans are compared, `ambinav.ambiguity.pair` says; which poses are neigh
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.gaussian import F0, FAST, U, aligned, gaussian, integral, nine_rows
 from ambinav.ambiguity.pair import first_step, scan_known, second_step
 from ambinav.ambiguity.reach import flood_arrays, link_planes, neighbours
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.lattice import STEPS
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES, lanes, load, narrow, store, transpose, wide
 from ambinav.runtime.threads import run_rows
@@ -198,19 +198,19 @@ def _sums(
 
 
 def neighbourhood_sums(
-    poses: NDArray[np.int64],
+    poses: Ints,
     first: int,
-    rows_columns: NDArray[np.int32],
-    index: NDArray[np.int32],
-    links: NDArray[np.uint8],
-    offsets: NDArray[np.int64],
+    rows_columns: Ints32,
+    index: Ints32,
+    links: Bytes,
+    offsets: Ints,
     spacing: float,
-    data: NDArray[np.float32],
+    data: Floats32,
     beams: BeamTable,
-    evidence: NDArray[np.float32] | None,
+    evidence: Floats32 | None,
     tau: float,
     cell_variance: tuple[float, float],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Compute ambiguity and second moments of M free poses of a lattice, at H headings.
 
     Args:

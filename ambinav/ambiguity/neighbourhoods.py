@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints
 
 
-def disc(radius: float, spacing: float) -> NDArray[np.int64]:
+def disc(radius: float, spacing: float) -> Ints:
     """Return row and column steps to the points within `radius` metres, int64, shape (K, 2)."""
     reach = math.floor(radius / spacing + 1e-9)
     steps = np.arange(-reach, reach + 1)
@@ -24,7 +24,7 @@ def disc(radius: float, spacing: float) -> NDArray[np.int64]:
     return np.stack([rows[near], columns[near]], axis=1)
 
 
-def points_near(lattice: Lattice, chosen: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
+def points_near(lattice: Lattice, chosen: Bools, radius: float) -> Bools:
     """Return the mask of points within `radius` metres of a point of the mask `chosen`, (N,)."""
     rows, columns = lattice.rows_columns[chosen].T
     near = np.zeros_like(lattice.free)
@@ -49,19 +49,15 @@ class Neighbourhoods:
     """
 
     lattice: Lattice
-    among: NDArray[np.int64]
-    poses: NDArray[np.int64]
-    possible: NDArray[np.bool_]
-    links: NDArray[np.uint8]
+    among: Ints
+    poses: Ints
+    possible: Bools
+    links: Bytes
     radius: float
 
     @classmethod
     def around(
-        cls,
-        lattice: Lattice,
-        possible: NDArray[np.bool_],
-        chosen: NDArray[np.bool_],
-        radius: float,
+        cls, lattice: Lattice, possible: Bools, chosen: Bools, radius: float
     ) -> Neighbourhoods:
         """Take the chosen points of a lattice, and the points within `radius` metres of them.
 
@@ -83,13 +79,11 @@ class Neighbourhoods:
         )
 
     @cached_property
-    def offsets(self) -> NDArray[np.int64]:
+    def offsets(self) -> Ints:
         """Steps to the neighbours of a pose: see `disc`."""
         return disc(self.radius, self.lattice.spacing)
 
-    def sums(
-        self, data: NDArray[np.float32], table: BeamTable, model: AmbiguityModel
-    ) -> NDArray[np.float64]:
+    def sums(self, data: Floats32, table: BeamTable, model: AmbiguityModel) -> Floats:
         """Compute `neighbourhood_sums` for the M poses; nan where one is impossible.
 
         Args:

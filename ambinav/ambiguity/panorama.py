@@ -21,6 +21,7 @@ from ambinav.ambiguity.returns import SAME_RAY, BeamTable, panorama_returns
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES
 from ambinav.runtime.threads import run_rows
@@ -28,7 +29,6 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 
 Numbers = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # Beams of one panorama at the most, unless a single view has more.
 MOST_BEAMS: Final = 2048
@@ -110,12 +110,8 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
 
 
 def view_radii(
-    lattice: Lattice,
-    possible: Mask,
-    point: NDArray[np.int64],
-    views: Sequence[View],
-    model: AmbiguityModel,
-) -> Iterator[tuple[tuple[int, ...], Numbers, NDArray[np.float64], NDArray[np.float64]]]:
+    lattice: Lattice, possible: Bools, point: Ints, views: Sequence[View], model: AmbiguityModel
+) -> Iterator[tuple[tuple[int, ...], Numbers, Floats, Floats]]:
     """Yield the ambiguity of poses for each view, as `build_map` computes it for that scanner.
 
     Piece by piece within `TILE_BYTES` of returns; all pieces are as long to compute.
@@ -167,9 +163,7 @@ def view_radii(
                 yield row.views, at, radii["major"], radii["minor"]
 
 
-def view_beams(
-    view: View, sensors: dict[RangeSensor, int]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def view_beams(view: View, sensors: dict[RangeSensor, int]) -> tuple[Floats, Ints]:
     """Return mounts of a view's beams at heading 0, (B, 3), and keys that identify them, (B, 6)."""
     x, y, yaw = view.scanner.mounts.T
     c, s = math.cos(view.heading), math.sin(view.heading)
@@ -189,7 +183,7 @@ def _panorama(
     views: Sequence[View],
     own: Sequence[Numbers],
     sensors: tuple[RangeSensor, ...],
-    table: tuple[NDArray[np.float64], NDArray[np.int64]],
+    table: tuple[Floats, Ints],
 ) -> Panorama:
     """Build the panorama of the views with these indices.
 
@@ -212,7 +206,7 @@ def _panorama(
     return Panorama(scanner, tuple(Row(tuple(i), columns) for i, columns in rows.values()))
 
 
-def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
+def _distinct(possible: Bools) -> tuple[list[int], list[int]]:
     """Return the distinct columns, and the index of its distinct column for each column."""
     numbering: dict[bytes, int] = {}
     numbers = [numbering.setdefault(column.tobytes(), len(numbering)) for column in possible.T]
@@ -220,7 +214,7 @@ def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
 
 
 def _tiles(
-    lattice: Lattice, possible: Mask, point: NDArray[np.int64], radius: float, bytes_per_pose: int
+    lattice: Lattice, possible: Bools, point: Ints, radius: float, bytes_per_pose: int
 ) -> Iterator[Neighbourhoods]:
     """Yield compact groups of poses, with their neighbours."""
     left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
@@ -241,7 +235,7 @@ def _at_heading(around: Neighbourhoods, column: int) -> Neighbourhoods:
     return replace(around, possible=around.possible[:, pick], links=around.links[pick])
 
 
-def _copied(data: NDArray[np.float32], columns: Numbers) -> NDArray[np.float32]:
+def _copied(data: Floats32, columns: Numbers) -> Floats32:
     """Copy columns of the returns (1, N, 5, P), with finite padding, to (1, N, 5, P')."""
     padded = np.pad(columns, (0, -len(columns) % LANES), mode="edge")
     out = np.empty((*data.shape[:3], len(padded)), dtype=np.float32)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bytes, Ints, Ints32, UInts
 from ambinav.runtime.kernels import kernel
 
 # Bits of a word: a disc that is wider is searched cell by cell.
@@ -16,12 +16,8 @@ EAST, NORTH_EAST, NORTH, NORTH_WEST = 0, 1, 2, 3
 
 
 def link_planes(
-    links: NDArray[np.uint8],
-    rows_columns: NDArray[np.int32],
-    first: int,
-    shape: tuple[int, int],
-    offsets: NDArray[np.int64],
-) -> NDArray[np.uint64]:
+    links: Bytes, rows_columns: Ints32, first: int, shape: tuple[int, int], offsets: Ints
+) -> UInts:
     """Pack links to the east, north-east, north and north-west as bits, row by row of the lattice.
 
     Args:

@@ -8,20 +8,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ambinav.ambiguity.indistinguishability import (
-    FINE,
-    FINEST_STD,
-    evidence_table,
-    most_evidence,
-)
+from ambinav.ambiguity.indistinguishability import FINE, FINEST_STD, evidence_table, most_evidence
 from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.casting.added import AddedWalls
 from ambinav.casting.scans import check_rays, scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.localization.casting import echo_normal
+from ambinav.runtime.array_types import Floats, Floats32, Indices, UInts
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES
 from ambinav.runtime.threads import run_rows
@@ -65,20 +60,20 @@ class Returns:
             nothing: the numbers there are finite, and mean nothing.
     """
 
-    data: NDArray[np.float32]
+    data: Floats32
 
     @property
-    def range(self) -> NDArray[np.float32]:
+    def range(self) -> Floats32:
         """Mean reading, shape (N, P), metres."""
         return self.data[:, 0]
 
     @property
-    def gradient(self) -> NDArray[np.float32]:
+    def gradient(self) -> Floats32:
         """Derivative of the range by x, y and theta, shape (N, 3, P)."""
         return self.data[:, 1:4]
 
     @property
-    def variance(self) -> NDArray[np.float32]:
+    def variance(self) -> Floats32:
         """Squared effective deviation s^2, shape (N, P), square metres."""
         return 2.0 * self.data[:, 4]
 
@@ -104,15 +99,15 @@ class BeamTable:
             and the nearest range that has one, metres; float32, shape (K, 4).
     """
 
-    limit: NDArray[np.float32]
-    inverse_cap: NDArray[np.float32]
-    use: NDArray[np.float32]
-    nearest: NDArray[np.float32]
-    spread: NDArray[np.float32]
-    bias: NDArray[np.float32]
-    width: NDArray[np.float64]
-    intensity: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
-    surface: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 4), dtype=np.float32))
+    limit: Floats32
+    inverse_cap: Floats32
+    use: Floats32
+    nearest: Floats32
+    spread: Floats32
+    bias: Floats32
+    width: Floats
+    intensity: Indices = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    surface: Floats32 = field(default_factory=lambda: np.empty((0, 4), dtype=np.float32))
 
     @classmethod
     def of(
@@ -171,7 +166,7 @@ class BeamTable:
         """Number of columns B + K."""
         return self.beams + len(self.intensity)
 
-    def turned(self, beams: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    def turned(self, beams: UInts) -> UInts:
         """Return the column of each column in turns of the robot, shape (n, B + K).
 
         `beams` gives it for the beams, shape (n, B).
@@ -183,7 +178,7 @@ class BeamTable:
         to = np.searchsorted(self.intensity, beams[:, self.intensity]) + self.beams
         return np.concatenate([beams, to.astype(beams.dtype)], axis=1)
 
-    def columns_of(self, beams: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+    def columns_of(self, beams: Sequence[int] | Indices) -> Indices:
         """Return columns of some beams, in order: the ranges, then the intensities they read."""
         chosen = np.asarray(beams, dtype=np.intp)
         with_intensity = chosen[np.isin(chosen, self.intensity)]
@@ -191,7 +186,7 @@ class BeamTable:
             [chosen, np.searchsorted(self.intensity, with_intensity) + self.beams]
         )
 
-    def subset(self, beams: Sequence[int] | NDArray[np.intp]) -> BeamTable:
+    def subset(self, beams: Sequence[int] | Indices) -> BeamTable:
         """Return the table of some beams, in order, as for a scanner with only these.
 
         What they return stands in `columns_of` the same beams.
@@ -212,7 +207,7 @@ class BeamTable:
         )
 
     @cached_property
-    def evidence(self) -> NDArray[np.float32] | None:
+    def evidence(self) -> Floats32 | None:
         """`evidence_table` of each beam, float32, (P, Z), or None where all bins are fine."""
         if self.width.max() <= FINE:
             return None
@@ -221,7 +216,7 @@ class BeamTable:
         return np.asarray(evidence_table(widths)[rows])
 
 
-def _surfaces(scanner: RangeScanner, beams: NDArray[np.intp]) -> NDArray[np.float32]:
+def _surfaces(scanner: RangeScanner, beams: Indices) -> Floats32:
     """Return the values of `BeamTable.surface`."""
     rows = []
     for sensor in (scanner.sensors[i] for i in scanner.sensor_of_beam[beams]):
@@ -236,10 +231,10 @@ def beam_returns(
     env: Environment,
     scanner: RangeScanner,
     table: BeamTable,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    x: Floats,
+    y: Floats,
     theta: float,
-    data: NDArray[np.float32],
+    data: Floats32,
 ) -> None:
     """Cast every beam of `scanner` at the poses (x, y, theta).
 
@@ -259,10 +254,10 @@ def panorama_returns(
     env: Environment,
     scanner: RangeScanner,
     table: BeamTable,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    headings: NDArray[np.float64],
-    data: NDArray[np.float32],
+    x: Floats,
+    y: Floats,
+    headings: Floats,
+    data: Floats32,
     first: int = 0,
     added: AddedWalls | None = None,
 ) -> None:
@@ -421,7 +416,7 @@ def _beam_returns(
                 data[h, first + p, 4, b] = 1.0
 
 
-def blind_share(data: NDArray[np.float32], begin: int, end: int, beams: int) -> NDArray[np.float64]:
+def blind_share(data: Floats32, begin: int, end: int, beams: int) -> Floats:
     """Return the share of the beams that end in unknown space.
 
     Args:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import cast_one
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -31,12 +31,12 @@ class SightRays(NamedTuple):
         reach: Metres, shape (R,).
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    reach: NDArray[np.float64]
+    x: Floats
+    y: Floats
+    angle: Floats
+    reach: Floats
 
-    def turned(self, headings: NDArray[np.float64]) -> SightRays:
+    def turned(self, headings: Floats) -> SightRays:
         """Return the rays of robots at all of these headings, in the frame of the map."""
         c, s = np.cos(headings)[:, None], np.sin(headings)[:, None]
         return SightRays(
@@ -47,13 +47,7 @@ class SightRays(NamedTuple):
         )
 
 
-def sees(
-    grid: SegmentGrid,
-    lines: NDArray[np.float64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    rays: SightRays,
-) -> NDArray[np.bool_]:
+def sees(grid: SegmentGrid, lines: Floats, x: Floats, y: Floats, rays: SightRays) -> Bools:
     """Return whether a ray of each pose, shape (N,), meets one of the given segments.
 
     In doubt it does: at corners that a ray grazes, and at the ends of segments.
@@ -76,9 +70,7 @@ def sees(
     return seen
 
 
-def _groups(
-    lines: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+def _groups(lines: Floats) -> tuple[Floats, Ints, Floats]:
     """Sort lines into groups that lie together.
 
     Returns:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.sight import GRAZE, HIDDEN
 from ambinav.casting.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.sensing.rays import RayTable
 
 # Rays at a time.
@@ -20,12 +20,12 @@ def sees_in_space(
     prisms: Prisms,
     floor: float,
     faces: AddedWalls,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    headings: NDArray[np.float64],
+    x: Floats,
+    y: Floats,
+    headings: Floats,
     rays: RayTable,
-    reach: NDArray[np.float64],
-) -> NDArray[np.bool_]:
+    reach: Floats,
+) -> Bools:
     """Return whether a ray of each pose, shape (N,), meets one of the given faces.
 
     In doubt it does: at corners that a ray grazes.
@@ -65,16 +65,14 @@ def sees_in_space(
     return seen
 
 
-def _placed(
-    x: NDArray[np.float64], y: NDArray[np.float64], theta: float, rays: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _placed(x: Floats, y: Floats, theta: float, rays: Floats) -> Floats:
     """Return the origins of rays of robots at poses, shape (n, 3)."""
     c, s = np.cos(theta), np.sin(theta)
     ox, oy = rays[:, 1], rays[:, 2]
     return np.column_stack([x + c * ox - s * oy, y + s * ox + c * oy, rays[:, 3]])
 
 
-def _directions(theta: float, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+def _directions(theta: float, rays: Floats) -> Floats:
     """Return their unit vectors, shape (n, 3)."""
     flat, angle = np.cos(rays[:, 4]), rays[:, 0] + theta
     return np.column_stack([flat * np.cos(angle), flat * np.sin(angle), np.sin(rays[:, 4])])

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
+from ambinav.runtime.array_types import Bytes, Floats
 
 
-def relative_radii(
-    sums: NDArray[np.float64],
-) -> dict[str, NDArray[np.float64]]:
+def relative_radii(sums: Floats) -> dict[str, Floats]:
     """Compute the layers of the ambiguity tensor.
 
     Args:
@@ -40,9 +38,7 @@ def relative_radii(
     }
 
 
-def classify(
-    major: NDArray[np.float64], minor: NDArray[np.float64], low: float, high: float
-) -> NDArray[np.uint8]:
+def classify(major: Floats, minor: Floats, low: float, high: float) -> Bytes:
     """Return the zone of each pose, uint8.
 
     Open if both ratios are large, corridor if one is and the other small, localizable if both are

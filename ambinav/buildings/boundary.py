@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.contour import Contours, trace
@@ -20,6 +19,7 @@ from ambinav.geometry.collision.collision_geometry import drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.segments import FRONTIER, WALL, Segments
+from ambinav.runtime.array_types import Bytes, Floats, Ints
 from ambinav.runtime.errors import InputError
 
 TOLERANCE_CELLS: Final = 2.0
@@ -153,10 +153,10 @@ class _Rings:
         self.limit = np.array([nearest, FRONTIER_SLACK * nearest])
         self.component: list[int] = []
         self.outer: list[bool] = []
-        self.points: list[NDArray[np.float64]] = []
-        self.kind: list[NDArray[np.uint8]] = []
-        self.index: list[NDArray[np.int64]] = []
-        self.place: list[NDArray[np.float64]] = []
+        self.points: list[Floats] = []
+        self.kind: list[Bytes] = []
+        self.index: list[Ints] = []
+        self.place: list[Floats] = []
         for k, component in enumerate(contours.component):
             piece = slice(contours.start[k], contours.start[k + 1])
             xy = contours.xy[piece]
@@ -205,7 +205,7 @@ class _Rings:
 
     def assemble(
         self, grid: OccupancyGrid
-    ) -> tuple[shapely.Polygon | shapely.MultiPolygon, NDArray[np.float64], NDArray[np.uint8]]:
+    ) -> tuple[shapely.Polygon | shapely.MultiPolygon, Floats, Bytes]:
         """Return free space, edges (N, 4) and their kinds in the map frame."""
         world = [np.stack(grid.to_world(p[:, 0], p[:, 1]), axis=1) for p in self.place]
         linear = [shapely.linearrings(p) for p in world]
@@ -223,7 +223,7 @@ class _Rings:
         free = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
         return free, np.concatenate(edges), np.concatenate(kinds)
 
-    def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    def _edges(self) -> tuple[Ints, Ints, Floats]:
         """Return ring and index within the ring of each edge, and its end points, (N, 4)."""
         count = [len(place) for place in self.place]
         owner = np.repeat(np.arange(len(count)), count)
@@ -243,7 +243,7 @@ class _Rings:
             if len(stretches) == 0:
                 return
             added: list[int] = []
-            there: list[NDArray[np.float64]] = []
+            there: list[Floats] = []
             for j, before, after, far in stretches:
                 start, end = place[j], place[(j + 1) % len(place)]
                 a, b = int(index[j]), int(index[(j + 1) % len(index)])
@@ -268,14 +268,14 @@ class _Rings:
             if added:
                 self._insert(k, added, there)
 
-    def _insert(self, k: int, added: list[int], there: list[NDArray[np.float64]]) -> None:
+    def _insert(self, k: int, added: list[int], there: list[Floats]) -> None:
         """Add vertices to ring k: the indices of their points, and their positions."""
         index = np.append(self.index[k], added)
         order = np.argsort(index)
         self.index[k] = index[order]
         self.place[k] = np.concatenate([self.place[k], np.array(there)])[order]
 
-    def _refine(self, k: int, edges: NDArray[np.int64]) -> bool:
+    def _refine(self, k: int, edges: Ints) -> bool:
         """Move the ends of these edges of ring k back to the contour; if there, add a point.
 
         Returns whether anything was left to do.
@@ -300,7 +300,7 @@ class _Rings:
         return len(moved) > 0 or len(added) > 0
 
 
-def without_short_frontiers(kind: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def without_short_frontiers(kind: Bytes) -> Bytes:
     """Turn runs of fewer than `SHORTEST_FRONTIER_CELLS` frontier points of a ring into walls."""
     change = np.flatnonzero(kind != np.roll(kind, 1))
     if len(change) == 0:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import FRONTIER, WALL
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints
 from ambinav.runtime.kernels import kernel
 
 # Free cells to the left: a crack on the east side of a cell runs north, and so on around it.
@@ -34,22 +34,17 @@ class Contours:
         narrow: The same of those in passages that were closed, without the rims of others.
     """
 
-    xy: NDArray[np.float64]
-    kind: NDArray[np.uint8]
-    start: NDArray[np.int64]
-    component: NDArray[np.int64]
-    area: NDArray[np.int64]
+    xy: Floats
+    kind: Bytes
+    start: Ints
+    component: Ints
+    area: Ints
     small: tuple[int, int] = (0, 0)
     narrow: tuple[int, int] = (0, 0)
 
 
 def trace(
-    state: NDArray[np.uint8],
-    *,
-    gap: int,
-    min_cells: float,
-    reach: int = 1,
-    speck: int | None = None,
+    state: Bytes, *, gap: int, min_cells: float, reach: int = 1, speck: int | None = None
 ) -> Contours:
     """Trace the outline of the free cells of `state`, shape (rows, columns).
 
@@ -103,7 +98,7 @@ def trace(
     )  # fmt: skip
 
 
-def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
+def _passages(closed: Bools, least: float) -> tuple[int, int]:
     """Count cells in components of at least `least` cells, and these components."""
     if np.count_nonzero(closed) < least:
         return 0, 0
@@ -113,7 +108,7 @@ def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
     return int(large.sum()), len(large)
 
 
-def opened(free: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
+def opened(free: Bools, gap: int) -> Bools:
     """Return the free cells that a square of gap + 1 free cells can cover.
 
     This closes passages of up to `gap` cells. A straight edge at any angle stays where it is.

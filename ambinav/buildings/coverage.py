@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputWarning
 
 NOTED: Final = 1.0
@@ -143,9 +144,9 @@ class Coverage:
         return [(text, True)]
 
 
-def _lengths(walls: NDArray[np.object_]) -> NDArray[np.float64]:
+def _lengths(walls: NDArray[np.object_]) -> Floats:
     """Return the lengths of lines, and of polygons as walls with two sides."""
-    length: NDArray[np.float64] = shapely.length(walls)
+    length: Floats = shapely.length(walls)
     return np.where(shapely.get_dimensions(walls) == 2, 0.5 * length, length)
 
 

@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.buildings.boundary import environment_from_grid
@@ -17,6 +16,7 @@ from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.triangles import triangles_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from ambinav.runtime.array_types import Bools
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
@@ -25,11 +25,7 @@ _MARGIN: Final = 2
 
 
 def flight_levels(
-    env: Environment,
-    heights: Sequence[float],
-    radius: float,
-    *,
-    drop: float = 0.0,
+    env: Environment, heights: Sequence[float], radius: float, *, drop: float = 0.0
 ) -> list[Environment]:
     """Make the free space of a robot that hovers, at each of several heights of a building.
 
@@ -75,7 +71,7 @@ def flight_levels(
     origin = float(corner[0]), float(corner[1])
     triangles = triangles_of(space)
 
-    def clear(low: float, high: float) -> NDArray[np.bool_]:
+    def clear(low: float, high: float) -> Bools:
         return ~touched(triangles, low, high, origin, CELL, (rows, columns))
 
     x, y = (corner[k] + (np.arange(n) + 0.5) * CELL for k, n in enumerate((columns, rows)))

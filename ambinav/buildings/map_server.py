@@ -16,6 +16,7 @@ from PIL import Image
 
 from ambinav.config import parse_yaml
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
 from ambinav.runtime.input_suggestions import MAP, kind_of, refuse
@@ -183,18 +184,13 @@ def _channels(opened: Image.Image) -> tuple[NDArray[np.generic], int]:
 
 
 def _classify(
-    pixels: NDArray[np.generic],
-    white: int,
-    mode: str,
-    negate: bool,
-    occupied: float,
-    free: float,
-) -> NDArray[np.uint8]:
+    pixels: NDArray[np.generic], white: int, mode: str, negate: bool, occupied: float, free: float
+) -> Bytes:
     """Return the state of each cell, row 0 at the bottom of the image."""
     has_alpha = pixels.shape[2] in (2, 4)
     colours = pixels[..., :-1] if has_alpha else pixels
 
-    def classified(channels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    def classified(channels: NDArray[np.generic]) -> Bytes:
         # One exact decision for each possible sum, then a table look-up for each cell.
         count = channels.shape[2]
         total = channels[..., 0] if count == 1 else channels.sum(axis=2, dtype=np.uint32)
@@ -212,7 +208,7 @@ def _classify(
     return np.ascontiguousarray(state[::-1])
 
 
-def _states(top: int, mode: str, negate: bool, occupied: float, free: float) -> NDArray[np.uint8]:
+def _states(top: int, mode: str, negate: bool, occupied: float, free: float) -> Bytes:
     """Return the state of a cell for each sum of its channels, from 0 to `top`."""
     shade = np.arange(top + 1) / top
     if mode == "raw":

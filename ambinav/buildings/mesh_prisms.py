@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.mesh_section import GRAIN, section
 from ambinav.buildings.section_floor import opened
+from ambinav.runtime.array_types import Bools, Floats, Ints
 
 SLICE: Final = 0.04
 """Metres; a part whose sides slope is cut into slices of this height, so that no side is further
@@ -48,13 +48,7 @@ class Slab(NamedTuple):
     exact: bool
 
 
-def slabs_of(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    low: float,
-    high: float,
-    at: float,
-) -> list[Slab]:
+def slabs_of(vertices: Floats, faces: Ints, low: float, high: float, at: float) -> list[Slab]:
     """Cut a body horizontally wherever its section changes.
 
     Between two heights with no sloping face the section is taken once and is exact. Elsewhere the
@@ -93,31 +87,27 @@ def slabs_of(
     return sorted([*slabs, *sheets], key=lambda slab: slab.low)
 
 
-def _level_and_sloping(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _level_and_sloping(corners: Floats) -> tuple[Bools, Bools]:
     """Return which triangles, shape (F, 3, 3), are level, and which neither level nor upright."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(cross, axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     rise = np.ptp(corners[..., 2], axis=1)
-    level: NDArray[np.bool_] = rise <= _LEVEL
+    level: Bools = rise <= _LEVEL
     across = np.hypot(cross[:, 0], cross[:, 1])
     upright = rise * np.abs(cross[:, 2]) <= _UPRIGHT * across
     return level, ~level & ~upright & (twice > _SLIVER * longest)
 
 
-def _heights(z: NDArray[np.float64]) -> NDArray[np.float64]:
+def _heights(z: Floats) -> Floats:
     """Merge ascending heights within `_LEVEL` of the one before, keeping the lowest."""
     z = np.unique(z)
-    rising: NDArray[np.float64] = z[np.append(True, np.diff(z) > _LEVEL)]
+    rising: Floats = z[np.append(True, np.diff(z) > _LEVEL)]
     return rising
 
 
 def _intervals(
-    stops: NDArray[np.float64],
-    slopes: NDArray[np.float64],
-    low: float,
-    high: float,
-    at: float,
+    stops: Floats, slopes: Floats, low: float, high: float, at: float
 ) -> Iterator[tuple[float, float, bool]]:
     """Yield low and high z of each piece within [low, high], and whether no face slopes in it."""
     for bottom, top in itertools.pairwise(stops.tolist()):
@@ -137,9 +127,7 @@ def _intervals(
             yield lower, upper, not sloping
 
 
-def _sheets(
-    level: NDArray[np.float64], slabs: list[Slab], low: float, high: float
-) -> Iterator[Slab]:
+def _sheets(level: Floats, slabs: list[Slab], low: float, high: float) -> Iterator[Slab]:
     """Yield level faces, (N, 3, 3), that are neither top nor bottom of a slab, nor within one."""
     if not len(level):
         return

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
+
+from ambinav.runtime.array_types import Bools, Floats, Ints
 
 GRAIN: Final = 1e-6
 """Metres; to this grid the corners of a section are rounded."""
@@ -15,9 +16,7 @@ GRAIN: Final = 1e-6
 _SHORTEST: Final = 1e-2
 
 
-def cut_lines(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
-) -> NDArray[np.float64]:
+def cut_lines(vertices: Floats, faces: Ints, height: float) -> Floats:
     """Compute the lines in which a plane z = height cuts the triangles.
 
     A corner on the plane counts as above it, so that a closed mesh gives closed outlines.
@@ -43,13 +42,11 @@ def cut_lines(
     a = _crossing(vertices, corner, left, above, height)
     b = _crossing(vertices, corner, right, above, height)
     segments = np.where(upper[:, np.newaxis], np.hstack([a, b]), np.hstack([b, a]))
-    kept: NDArray[np.float64] = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
+    kept: Floats = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
     return kept
 
 
-def section(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
-) -> tuple[BaseGeometry, BaseGeometry]:
+def section(vertices: Floats, faces: Ints, height: float) -> tuple[BaseGeometry, BaseGeometry]:
     """Compute the section of a body with a plane z = height.
 
     A cell of the section is within the body if its generalized winding number (Jacobson, Kavan and
@@ -84,13 +81,7 @@ def section(
     return area, shapely.MultiLineString([line for line in lines if line.length > _SHORTEST])
 
 
-def _crossing(
-    vertices: NDArray[np.float64],
-    start: NDArray[np.int64],
-    end: NDArray[np.int64],
-    above: NDArray[np.bool_],
-    height: float,
-) -> NDArray[np.float64]:
+def _crossing(vertices: Floats, start: Ints, end: Ints, above: Bools, height: float) -> Floats:
     """Compute where edges cross the plane, shape (n, 2).
 
     Both faces of an edge give the same result, bit for bit.
@@ -99,30 +90,30 @@ def _crossing(
     low = np.where(above[start], end, start)
     a, b = vertices[low], vertices[high]
     share = ((height - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, np.newaxis]
-    crossing: NDArray[np.float64] = a[:, :2] + share * (b[:, :2] - a[:, :2])
+    crossing: Floats = a[:, :2] + share * (b[:, :2] - a[:, :2])
     return crossing
 
 
-def _winding(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.float64]:
+def _winding(points: Floats, segments: Floats) -> Floats:
     """Compute the winding number of the segments around each point, shape (n,)."""
     a = segments[np.newaxis, :, :2] - points[:, np.newaxis]
     b = segments[np.newaxis, :, 2:] - points[:, np.newaxis]
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    turns: NDArray[np.float64] = np.arctan2(cross, (a * b).sum(axis=-1)).sum(axis=1) / (2 * np.pi)
+    turns: Floats = np.arctan2(cross, (a * b).sum(axis=-1)).sum(axis=1) / (2 * np.pi)
     return turns
 
 
-def _is_closed(segments: NDArray[np.float64]) -> bool:
+def _is_closed(segments: Floats) -> bool:
     """Return whether an even number of segments meets at each end point."""
     _, count = np.unique(segments.reshape(-1, 2), axis=0, return_counts=True)
     return bool((count % 2 == 0).all())
 
 
-def _is_odd(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _is_odd(points: Floats, segments: Floats) -> Bools:
     """Return whether a line from each point along x crosses an odd number of segments, (n,)."""
     x, y = points[:, :1], points[:, 1:]
     ax, ay, bx, by = segments.T
     across = (ay > y) != (by > y)
     run = np.where(by == ay, 1.0, by - ay)
-    odd: NDArray[np.bool_] = (across & (x < ax + (y - ay) / run * (bx - ax))).sum(axis=1) % 2 == 1
+    odd: Bools = (across & (x < ax + (y - ay) / run * (bx - ax))).sum(axis=1) % 2 == 1
     return odd

@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.buildings.mesh_section import GRAIN
 from ambinav.buildings.wall_gaps import DOORWAY, Gaps, gaps_in
 from ambinav.geometry.edit import polygons_of
+from ambinav.runtime.array_types import Bools
 
 # Shares of its border by which a space may be open to the outside: any, and one into which two
 # openings or more lead, or that stands alone.
@@ -86,11 +87,7 @@ def _faces(net: BaseGeometry) -> NDArray[np.object_]:
 
 
 def _spaces(
-    closed: BaseGeometry,
-    gaps: Gaps,
-    within: BaseGeometry,
-    solid: BaseGeometry,
-    net: BaseGeometry,
+    closed: BaseGeometry, gaps: Gaps, within: BaseGeometry, solid: BaseGeometry, net: BaseGeometry
 ) -> tuple[list[BaseGeometry], list[BaseGeometry], list[BaseGeometry]]:
     """Classify spaces behind openings: inside, outside, and those that may be either."""
     every = shapely.union_all([closed, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
@@ -141,7 +138,7 @@ def _spaces(
     return inside, outside, doubtful
 
 
-def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:
+def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> Bools:
     """Return the mask of the points that lie on lines."""
     on_line = np.zeros(len(points), dtype=np.bool_)
     tree = shapely.STRtree(shapely.get_parts(lines))

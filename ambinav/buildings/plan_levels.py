@@ -41,10 +41,7 @@ def in_order(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def chosen_level(
-    where: str,
-    names: Sequence[str],
-    level: str | int | None,
-    listed: Sequence[str] | None = None,
+    where: str, names: Sequence[str], level: str | int | None, listed: Sequence[str] | None = None
 ) -> str | None:
     """Choose a level of a file.
 

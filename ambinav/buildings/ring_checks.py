@@ -6,13 +6,14 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Bools, Floats, Ints
 
 # Cells. Edges this near to each other touch: once they are turned and scaled they might cross.
 TOUCH: Final = 1e-4
 
 
-def crossing(edges: NDArray[np.float64], owner: NDArray[np.int64]) -> NDArray[np.bool_]:
+def crossing(edges: Floats, owner: Ints) -> Bools:
     """Return edges that cross or touch another edge, except at a shared end of neighbours.
 
     Args:
@@ -41,7 +42,7 @@ def crossing(edges: NDArray[np.float64], owner: NDArray[np.int64]) -> NDArray[np
     return bad
 
 
-def enclosures(rings: list[NDArray[np.float64]]) -> set[tuple[int, int]]:
+def enclosures(rings: list[Floats]) -> set[tuple[int, int]]:
     """Return pairs (outer, inner) of rings where one encloses the first point of the other.
 
     Args:

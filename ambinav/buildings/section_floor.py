@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.coverage import Coverage
@@ -17,6 +16,7 @@ from ambinav.buildings.mesh_section import GRAIN
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.edit import HALF_WALL, polygons_of
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 DOORS: Final = ("open", "closed")
@@ -189,7 +189,7 @@ def opened(shape: BaseGeometry, width: float) -> BaseGeometry:
     return polygons_of(shapely.buffer(inner, 0.5 * width, join_style="mitre"))
 
 
-def _bends(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bends(corners: Floats) -> Floats:
     """Return the corners of a ring, shape (n, 2), without those on a straight line."""
     while len(corners) > 3:
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)

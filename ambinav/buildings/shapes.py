@@ -10,11 +10,12 @@ from typing import Final, TypeAlias
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, GLASS, REFLECTOR, WALL, Segments
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError, InputWarning
 
 Shape: TypeAlias = BaseGeometry | ArrayLike
@@ -229,7 +230,7 @@ def _reflectors(
     return lines, polygons
 
 
-def _points(label: str, shape: ArrayLike, least: int) -> NDArray[np.float64]:
+def _points(label: str, shape: ArrayLike, least: int) -> Floats:
     try:
         points = np.asarray(shape, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -273,7 +274,7 @@ def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometr
     return parts
 
 
-def _pairs(line: BaseGeometry) -> NDArray[np.float64]:
+def _pairs(line: BaseGeometry) -> Floats:
     """Return the straight pieces of one line, shape (n, 4)."""
     points = shapely.get_coordinates(line)
     return np.hstack([points[:-1], points[1:]])
@@ -291,12 +292,10 @@ def _around(line: BaseGeometry) -> BaseGeometry:
         return shapely.buffer(line, NEAR, cap_style="flat", join_style="mitre")
 
 
-def _split(
-    edges: NDArray[np.float64], zone: BaseGeometry
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _split(edges: Floats, zone: BaseGeometry) -> tuple[Floats, Floats]:
     """Return pieces of the edges, shape (N, 4), outside the zone, and those inside it."""
-    outside: list[NDArray[np.float64]] = []
-    inside: list[NDArray[np.float64]] = []
+    outside: list[Floats] = []
+    inside: list[Floats] = []
     lines = shapely.linestrings(edges.reshape(-1, 2, 2))
     shapely.prepare(zone)
     for edge, line, met in zip(edges, lines, shapely.intersects(zone, lines), strict=True):
@@ -321,13 +320,13 @@ def _split(
     return np.array(outside).reshape(-1, 4), np.array(inside).reshape(-1, 4)
 
 
-def _on(pieces: NDArray[np.float64], lines: Sequence[BaseGeometry]) -> NDArray[np.bool_]:
+def _on(pieces: Floats, lines: Sequence[BaseGeometry]) -> Bools:
     """Return the mask of the pieces, shape (n, 4), whose middle lies on a line."""
     middle = shapely.points(0.5 * (pieces[:, :2] + pieces[:, 2:]))
     return np.asarray(shapely.dwithin(shapely.union_all(lines), middle, NEAR), dtype=np.bool_)
 
 
-def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
+def _noded(free: BaseGeometry, points: Floats) -> BaseGeometry:
     """Add corners to polygons wherever an edge is part wall, part frontier.
 
     Each edge of the free space is then of one kind, as scans take it to be.
@@ -337,7 +336,7 @@ def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
     if not len(fresh):
         return free
 
-    def ring(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def ring(coordinates: Floats) -> Floats:
         out = []
         for a, b in itertools.pairwise(coordinates):
             # Not by @: BLAS rounds it in another way on each kind of processor.
@@ -357,7 +356,7 @@ def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
     return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
 
-def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> NDArray[np.float64]:
+def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> Floats:
     """Return pieces of the walls inside the free space, split at crossings, shape (n, 4)."""
     if not walls:
         return np.empty((0, 4))

@@ -8,16 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.buildings.edge_fit import BOW_POINTS, FIT_POINTS, extreme, fit_line, furthest, spread
 from ambinav.buildings.ring_vertices import BACK, meet
+from ambinav.runtime.array_types import Bytes, Floats, Ints
 from ambinav.runtime.kernels import kernel
 
 
-def simplify_ring(
-    x: NDArray[np.float64], y: NDArray[np.float64], kind: NDArray[np.uint8], tolerance: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def simplify_ring(x: Floats, y: Floats, kind: Bytes, tolerance: float) -> tuple[Ints, Floats]:
     """Choose vertices of a closed ring and move them to where the fitted edges meet.
 
     1. Douglas-Peucker to `tolerance`, between the points where `kind` changes.

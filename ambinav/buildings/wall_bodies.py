@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.mesh_section import GRAIN
+from ambinav.runtime.array_types import Floats
 
 THICKEST: Final = 0.6
 """Metres; a closed outline of which more than `PIERS` is wider is a room and no wall."""
@@ -23,7 +23,7 @@ _SQUARE: Final = 0.2
 _EYES: Final = 10.0 * GRAIN
 
 
-def noded(lines: Sequence[NDArray[np.float64]]) -> BaseGeometry:
+def noded(lines: Sequence[Floats]) -> BaseGeometry:
     """Split lines where they meet; each is given by its corners, shape (n, 2), metres.
 
     Ends that miss another line by up to `JOIN` are led to it.
@@ -107,7 +107,7 @@ def beside(net: BaseGeometry, bodies: Sequence[BaseGeometry]) -> list[BaseGeomet
     return [line for line in shapely.get_parts(shapely.line_merge(lines)) if line.length > JOIN]
 
 
-def _loose_ends(net: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _loose_ends(net: BaseGeometry) -> tuple[Floats, Floats]:
     """Return ends of lines at which no other begins, (n, 2), and the lengths of their lines."""
     pieces = shapely.get_parts(net)
     if not len(pieces):
@@ -119,7 +119,7 @@ def _loose_ends(net: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.floa
     return both[loose], lengths[loose]
 
 
-def _directions(net: BaseGeometry, ends: NDArray[np.float64]) -> NDArray[np.float64]:
+def _directions(net: BaseGeometry, ends: Floats) -> Floats:
     """Return unit vectors in which lines arrive at their loose ends, shape (n, 2)."""
     arrive = {}
     for piece in shapely.get_parts(net):
@@ -127,5 +127,5 @@ def _directions(net: BaseGeometry, ends: NDArray[np.float64]) -> NDArray[np.floa
         arrive[tuple(xy[0].tolist())] = xy[0] - xy[1]
         arrive[tuple(xy[-1].tolist())] = xy[-1] - xy[-2]
     vectors = np.array([arrive[tuple(end)] for end in ends.tolist()])
-    units: NDArray[np.float64] = vectors / np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
+    units: Floats = vectors / np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     return units

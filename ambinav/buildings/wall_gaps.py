@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.wall_bodies import THICKEST
+from ambinav.runtime.array_types import Floats, Ints
 
 DOORWAY: Final = 1.3
 """Metres; an end of a wall this near to another wall is the jamb of a door."""
@@ -48,9 +48,9 @@ class Gaps(NamedTuple):
 class _Stubs(NamedTuple):
     """Nodes where a line of the net ends or bends into free space, with directions and kinds."""
 
-    node: NDArray[np.int64]
-    ahead: NDArray[np.float64]
-    kind: NDArray[np.int64]
+    node: Ints
+    ahead: Floats
+    kind: Ints
 
 
 def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
@@ -100,9 +100,7 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     )
 
 
-def _facing_node(
-    points: NDArray[np.float64], stubs: _Stubs, chosen: _Stubs, k: int, face: float
-) -> int | None:
+def _facing_node(points: Floats, stubs: _Stubs, chosen: _Stubs, k: int, face: float) -> int | None:
     """Return the node of the nearest stub that faces the k-th stub, at or before a face."""
     start, ahead, kind = points[chosen.node[k]], chosen.ahead[k], int(chosen.kind[k])
     away = points[stubs.node] - start
@@ -124,7 +122,7 @@ def _facing_node(
     return int(stubs.node[int(np.where(meets, along, np.inf).argmin())])
 
 
-def _segments(net: BaseGeometry) -> NDArray[np.float64]:
+def _segments(net: BaseGeometry) -> Floats:
     """Return straight pieces of lines, (n, 4), without nodes at which a line goes straight on."""
     merged = shapely.get_parts(shapely.line_merge(net))
     pieces = []
@@ -137,14 +135,14 @@ def _segments(net: BaseGeometry) -> NDArray[np.float64]:
 class _Net:
     """Nodes of lines, and the pairs that a line joins."""
 
-    def __init__(self, points: NDArray[np.float64], pairs: NDArray[np.int64]) -> None:
+    def __init__(self, points: Floats, pairs: Ints) -> None:
         self.points = points
         self.around: list[list[int]] = [[] for _ in points]
         for a, b in pairs.tolist():
             self.around[a].append(b)
             self.around[b].append(a)
 
-    def run(self, start: int, end: int) -> tuple[NDArray[np.float64], float]:
+    def run(self, start: int, end: int) -> tuple[Floats, float]:
         """Return direction and length of the line from one node to another."""
         away = self.points[end] - self.points[start]
         length = float(np.hypot(*away))
@@ -187,7 +185,7 @@ class _Net:
         return bool(self.run(a, here)[0] @ self.run(b, other)[0] > _SAME)
 
 
-def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeometry) -> _Stubs:
+def _stubs(points: Floats, pairs: Ints, solid: BaseGeometry) -> _Stubs:
     """Find where lines may continue: beyond a node, neither along another line nor into a solid."""
     net = _Net(points, pairs)
     ends = net.ends()
@@ -197,7 +195,7 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
     free = {
         end for end, hit in zip(ends, shapely.contains_xy(solid, probes), strict=True) if not hit
     }
-    stubs: list[tuple[int, NDArray[np.float64], int]] = []
+    stubs: list[tuple[int, Floats, int]] = []
     for end, direction in zip(ends, ahead, strict=True):
         if end not in free:
             continue
@@ -221,13 +219,8 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
 
 
 def _first_hits(
-    points: NDArray[np.float64],
-    pairs: NDArray[np.int64],
-    ends: NDArray[np.float64],
-    tree: shapely.STRtree,
-    chosen: _Stubs,
-    far: float,
-) -> NDArray[np.float64]:
+    points: Floats, pairs: Ints, ends: Floats, tree: shapely.STRtree, chosen: _Stubs, far: float
+) -> Floats:
     """Compute the distance ahead of each stub to the first line; inf if there is none."""
     start = points[chosen.node]
     rays = shapely.linestrings(np.stack([start, start + far * chosen.ahead], axis=1))
@@ -246,11 +239,7 @@ def _first_hits(
 
 
 def _doors(
-    points: NDArray[np.float64],
-    pairs: NDArray[np.int64],
-    ends: NDArray[np.float64],
-    tree: shapely.STRtree,
-    stubs: _Stubs,
+    points: Floats, pairs: Ints, ends: Floats, tree: shapely.STRtree, stubs: _Stubs
 ) -> list[BaseGeometry]:
     """Return the shortest line from each wall end to another wall ahead, up to `DOORWAY`."""
     is_end = np.flatnonzero(stubs.kind == END)

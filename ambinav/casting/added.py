@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -41,17 +41,17 @@ class AddedWalls:
         solid: Whether its edges enclose an area, bool, shape (K,).
     """
 
-    xy: NDArray[np.float64]
-    kind: NDArray[np.uint8]
-    start: NDArray[np.int64]
-    circle: NDArray[np.float64]
-    z: NDArray[np.float64]
-    solid: NDArray[np.bool_]
+    xy: Floats
+    kind: Bytes
+    start: Ints
+    circle: Floats
+    z: Floats
+    solid: Bools
 
     @classmethod
     def of(
         cls,
-        edges: Sequence[NDArray[np.float64]],
+        edges: Sequence[Floats],
         kinds: Sequence[int],
         z: Sequence[tuple[float, float]] | None = None,
         solid: Sequence[bool] | None = None,
@@ -96,7 +96,7 @@ class AddedWalls:
         return len(self.xy) + 2 * len(self.kind)
 
     @property
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> Floats:
         """Unit normals of the faces: left of a to b, or upward; shape (E + 2 K, 3)."""
         along = self.xy[:, 2:] - self.xy[:, :2]
         normal = np.zeros((self.faces, 3))
@@ -106,19 +106,19 @@ class AddedWalls:
         return normal
 
     @property
-    def face_kind(self) -> NDArray[np.uint8]:
+    def face_kind(self) -> Bytes:
         """Kind of each face, shape (E + 2 K,)."""
         return np.concatenate([np.repeat(self.kind, np.diff(self.start)), np.repeat(self.kind, 2)])
 
     def shorten(
         self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
         theta: float,
-        rays: NDArray[np.float64],
+        rays: Floats,
         reach: float,
         first: int,
-        hits: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]],
+        hits: tuple[Floats32, Ints32, Floats32],
     ) -> None:
         """Shorten the rays that meet a face before they meet the building.
 
@@ -137,14 +137,7 @@ class AddedWalls:
             self.z, self.solid, *hits, least=256,
         )  # fmt: skip
 
-    def seen_by(
-        self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        rays: NDArray[np.float64],
-        beam: NDArray[np.int64],
-        limit: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
+    def seen_by(self, x: Floats, y: Floats, rays: Floats, beam: Ints, limit: Floats) -> Bools:
         """Return which poses see a face nearer than the range of their beams without it.
 
         Args:

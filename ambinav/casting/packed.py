@@ -15,9 +15,8 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Sheets, Solid
 from ambinav.casting.space import SpaceCaster
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
-
-Bytes = NDArray[np.uint8]
 
 # What numpy raises for files that are cut off or damaged.
 DAMAGED: Final = (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile)

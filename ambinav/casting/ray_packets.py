@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.casting.space import SpaceRays
+from ambinav.runtime.array_types import Bools, Floats, Ints
 
 # Cosine of the elevation from which on a ray counts as upright: it then stays above one point.
 UPRIGHT = 1e-9
@@ -35,16 +36,16 @@ class Packets(NamedTuple):
         per_slope: One over it; inf for 0.
     """
 
-    origin: NDArray[np.float64]
-    start: NDArray[np.int64]
-    column: NDArray[np.bool_]
-    ray: NDArray[np.int64]
-    cosine: NDArray[np.float64]
-    sine: NDArray[np.float64]
-    flat: NDArray[np.float64]
-    rise: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    per_slope: NDArray[np.float64]
+    origin: Floats
+    start: Ints
+    column: Bools
+    ray: Ints
+    cosine: Floats
+    sine: Floats
+    flat: Floats
+    rise: Floats
+    slope: Floats
+    per_slope: Floats
 
 
 def packets_of(rays: SpaceRays) -> Packets:
@@ -75,7 +76,7 @@ def packets_of(rays: SpaceRays) -> Packets:
     )
 
 
-def _numbered(*keys: NDArray[Any]) -> NDArray[np.int64]:
+def _numbered(*keys: NDArray[Any]) -> Ints:
     """Number rows, shape (N,), by their keys: equal keys, equal numbers, in ascending order."""
     order = np.lexsort(keys[::-1])
     fresh = np.zeros(len(order), dtype=np.bool_)
@@ -86,7 +87,7 @@ def _numbered(*keys: NDArray[Any]) -> NDArray[np.int64]:
     return number
 
 
-def _shares(origin: NDArray[np.int64], azimuth: NDArray[np.float64]) -> NDArray[np.int64]:
+def _shares(origin: Ints, azimuth: Floats) -> Ints:
     """Number rays, shape (N,): up to `MOST` rays of one origin within `WIDEST` share a number."""
     around = np.mod(azimuth, 2.0 * math.pi)
     sector = _numbered(origin, np.floor(around / WIDEST))

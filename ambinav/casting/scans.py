@@ -6,11 +6,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.fan import scan_plan
 from ambinav.casting.scene import Scene
 from ambinav.casting.space import Scans, SpaceRays
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 GIVE_HEIGHTS: Final = (
@@ -22,15 +22,15 @@ GIVE_HEIGHTS: Final = (
 
 def scan_rays(
     scene: Scene,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    ray_origin: NDArray[np.float64],
-    ray_angle: NDArray[np.float64],
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+    ray_origin: Floats,
+    ray_angle: Floats,
     max_range: float,
     *,
-    height: NDArray[np.float64],
-    elevation: NDArray[np.float64],
+    height: Floats,
+    elevation: Floats,
     incidence: bool = True,
 ) -> Scans:
     """Cast the same rays of a scanner from many poses of the robot.
@@ -66,7 +66,7 @@ def scan_rays(
     return scene.space.cast_scans(x, y, theta, rays, max_range, incidence=incidence)
 
 
-def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.float64]) -> None:
+def check_rays(scene: Scene, height: Floats, elevation: Floats) -> None:
     """Raise an error for rays that cannot be cast in a scene.
 
     Raises:

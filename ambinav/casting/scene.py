@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
+from ambinav.runtime.array_types import Floats, Ints32
 
 
 class Scene(Protocol):
@@ -34,9 +32,9 @@ class Scene(Protocol):
         """The free space as triangles, with K border edges."""
 
     @property
-    def border_segment(self) -> NDArray[np.int32]:
+    def border_segment(self) -> Ints32:
         """Segment on which each border edge lies, shape (K,)."""
 
     @property
-    def border_lines(self) -> NDArray[np.float64]:
+    def border_lines(self) -> Floats:
         """End points of the line of each border edge, (K, 4), metres, map frame."""

@@ -18,11 +18,12 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
 
-Scans = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]
+Scans = tuple[Floats32, Ints32, Floats32]
 """Distance, surface and incidence of R rays at N poses, each of shape (N, R); see `SpaceCaster`."""
 
 
@@ -35,14 +36,12 @@ class SpaceRays(NamedTuple):
         elevation: Radians above the horizon, in [-pi/2, pi/2], float64, shape (R,).
     """
 
-    origin: NDArray[np.float64]
-    azimuth: NDArray[np.float64]
-    elevation: NDArray[np.float64]
+    origin: Floats
+    azimuth: Floats
+    elevation: Floats
 
     @classmethod
-    def layers(
-        cls, elevation: NDArray[np.float64], azimuth: NDArray[np.float64], height: float
-    ) -> SpaceRays:
+    def layers(cls, elevation: Floats, azimuth: Floats, height: float) -> SpaceRays:
         """Make the rays of a spinning scanner above the robot's centre, layer after layer.
 
         Args:
@@ -89,7 +88,7 @@ class SpaceRays(NamedTuple):
         )
 
     @property
-    def direction(self) -> NDArray[np.float64]:
+    def direction(self) -> Floats:
         """Unit vectors, shape (R, 3)."""
         flat = np.cos(self.elevation)
         return np.stack(
@@ -97,9 +96,7 @@ class SpaceRays(NamedTuple):
             axis=-1,
         )
 
-    def at(
-        self, x: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, x: Floats, y: Floats, theta: Floats) -> tuple[Floats, Floats]:
         """Return origins and unit directions in the map frame at N poses, shape (N, R, 3) each.
 
         Poses have the shape (N,), or (N, R): one for each ray.
@@ -126,18 +123,18 @@ class SpaceCaster(Protocol):
         """Digest of everything that rays can meet; it identifies the building of stored results."""
 
     @property
-    def surface_normal(self) -> NDArray[np.float64]:
+    def surface_normal(self) -> Floats:
         """Unit normal of each of the S surfaces, (S, 3), map frame; its sign has no meaning."""
 
     @property
-    def surface_kind(self) -> NDArray[np.uint8]:
+    def surface_kind(self) -> Bytes:
         """Kind of each surface: a kind of `ambinav.geometry.segments`, shape (S,)."""
 
     def cast_scans(
         self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
+        theta: Floats,
         rays: SpaceRays,
         max_range: float,
         *,
@@ -164,7 +161,7 @@ class SpaceCaster(Protocol):
 
 def unit_rays(
     origin: ArrayLike, direction: ArrayLike, max_range: float
-) -> tuple[tuple[int, ...], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[tuple[int, ...], Floats, Floats, Bools]:
     """Prepare single rays from anywhere; see `Prisms.cast`.
 
     Returns:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Sheets, Solid
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.segments import edges_of
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 
 def triangles_of(
     space: SpaceCaster, bounds: tuple[float, float, float, float] | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the surfaces of a building as triangles, shape (T, 3, 3), metres.
 
     Args:
@@ -41,7 +41,7 @@ def triangles_of(
     return np.concatenate([faces_of_sheets(space.given), *solids])
 
 
-def faces_of_sheets(sheets: Sheets) -> NDArray[np.float64]:
+def faces_of_sheets(sheets: Sheets) -> Floats:
     """Return two triangles of each wall without thickness, (2 N, 3, 3), metres."""
     a, b = np.split(sheets.xy, 2, axis=1)
     low, high = sheets.z.T
@@ -52,7 +52,7 @@ def faces_of_sheets(sheets: Sheets) -> NDArray[np.float64]:
     return np.concatenate(triangles)
 
 
-def faces_of(solid: Solid) -> NDArray[np.float64]:
+def faces_of(solid: Solid) -> Floats:
     """Return triangles of the sides, top and bottom of a solid, (F, 3, 3), metres."""
     sides = edges_of(solid.outline)
     a, b = sides[:, :2], sides[:, 2:]

@@ -170,13 +170,7 @@ def _board(
     shipped = not chosen or any(entry.policies is None for entry in chosen)
     return Board(
         all_methods(methods.planner or named, policies, trust=methods.trust, shipped=shipped),
-        settings_for(
-            driven.map_file or [],
-            buildings,
-            suites,
-            tasks,
-            **building.reading(),
-        ),
+        settings_for(driven.map_file or [], buildings, suites, tasks, **building.reading()),
         driven.episodes or count,
         driven.seed,
         common,

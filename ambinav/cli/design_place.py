@@ -11,13 +11,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
-from ambinav.cli.region_options import (
-    KeepOut,
-    PolygonFile,
-    check_one,
-    keep_out_zones,
-    route_region,
-)
+from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
 from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError

@@ -114,11 +114,7 @@ def plan_flight(
 
 
 def _show(
-    route: FlightRoute,
-    proof: Certificate | None,
-    output: Path,
-    picture: Path | None,
-    as_json: bool,
+    route: FlightRoute, proof: Certificate | None, output: Path, picture: Path | None, as_json: bool
 ) -> None:
     """Print the figures of a route as a table or as JSON."""
     name, figures = f"weight {route.service.weight:g}", route.figures

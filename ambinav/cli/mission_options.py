@@ -64,12 +64,7 @@ class MissionOptions:
                 conflict(option, bool(given) and holds, reason)
 
     def plan(
-        self,
-        robot: RoutePlanner,
-        start: Pose,
-        goal: Pose,
-        search: SearchOptions,
-        weight: float,
+        self, robot: RoutePlanner, start: Pose, goal: Pose, search: SearchOptions, weight: float
     ) -> MissionRoute:
         """Plan the mission."""
         from ambinav_planners import Mission, plan_mission

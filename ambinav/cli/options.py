@@ -68,14 +68,12 @@ ReportFolder = Annotated[
     ),
 ]
 Pictures = Annotated[
-    str,
-    typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report."),
+    str, typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report.")
 ]
 NoStore = Annotated[
     bool,
     typer.Option(
-        "--no-store",
-        help="Compute the map even if it is in the store, and do not store it.",
+        "--no-store", help="Compute the map even if it is in the store, and do not store it."
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only the result, as JSON, on stdout.")]

@@ -248,11 +248,7 @@ class RobotOptions:
             outline = Footprint.disc(
                 DEFAULT_RADIUS if self.robot_radius is None else self.robot_radius
             )
-        return {
-            "footprint": outline,
-            "space": self.space,
-            "turning_radius": self.turning_radius,
-        }
+        return {"footprint": outline, "space": self.space, "turning_radius": self.turning_radius}
 
     def ends(self, start: Sequence[float], goal: Sequence[float]) -> tuple[Pose, Pose]:
         """Return start and goal, x and y, with their headings in radians."""

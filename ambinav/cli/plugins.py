@@ -52,14 +52,7 @@ def plugins(as_json: AsJson = False) -> None:
 
 def _registries() -> tuple[Registry[Any], ...]:
     """Return all registries whose packages are installed."""
-    from ambinav.plugin import (
-        EXPORTERS,
-        LAYERS,
-        LOCALIZERS,
-        MAP_READERS,
-        PRESETS,
-        SENSOR_MODELS,
-    )
+    from ambinav.plugin import EXPORTERS, LAYERS, LOCALIZERS, MAP_READERS, PRESETS, SENSOR_MODELS
     from ambinav_planners.plugin import PLANNERS
 
     core = (PRESETS, SENSOR_MODELS, LAYERS, MAP_READERS, EXPORTERS, PLANNERS, LOCALIZERS)

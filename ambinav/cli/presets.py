@@ -14,10 +14,7 @@ from ambinav.cli.running import reporting
 
 
 @documented
-def presets(
-    name: Annotated[str | None, typer.Argument()] = None,
-    as_json: AsJson = False,
-) -> None:
+def presets(name: Annotated[str | None, typer.Argument()] = None, as_json: AsJson = False) -> None:
     """List the bundled scanners, or print one as YAML.
 
     Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`

@@ -58,10 +58,7 @@ def list_maps(as_json: AsJson = False) -> None:
 
 @store.command("show")
 @documented
-def show(
-    key: Annotated[str, typer.Argument()],
-    as_json: AsJson = False,
-) -> None:
+def show(key: Annotated[str, typer.Argument()], as_json: AsJson = False) -> None:
     """Show the input and the parameters of a stored map.
 
     Example: `ambinav store show 9730e8`
@@ -88,8 +85,7 @@ def show(
 @store.command("verify")
 @documented
 def verify_maps(
-    keys: Annotated[list[str] | None, typer.Argument()] = None,
-    as_json: AsJson = False,
+    keys: Annotated[list[str] | None, typer.Argument()] = None, as_json: AsJson = False
 ) -> None:
     """Read stored maps in full, and set damaged ones aside; exit status 3 if there are any.
 

@@ -12,8 +12,9 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 SHORTEST: Final = 3
@@ -57,7 +58,7 @@ def as_count(value: object, where: str) -> int:
     return int(value)
 
 
-def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     """Return the shape that some arrays, or numbers, broadcast to, and each of them as float64.
 
     Args:
@@ -77,7 +78,7 @@ def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.flo
         ) from error
 
 
-def as_flat(**values: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+def as_flat(**values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     """Return the shape that some arrays, or numbers, broadcast to, and a flat copy of each.
 
     Copies, for numpy warns of writing to what broadcasting shares. Raises as `as_arrays` does.

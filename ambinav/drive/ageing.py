@@ -21,6 +21,7 @@ from ambinav.drive.ageing_in_space import (
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import FRONTIER, Segments
+from ambinav.runtime.array_types import Floats
 
 WAVES: Final = 32
 """Number of waves, `SHORTEST` to `LONGEST` metres long, by which walls are displaced."""
@@ -35,8 +36,6 @@ TRIES = 20
 # Metres. Furniture this near to something else belongs to it.
 TOUCHING = 1e-3
 ON_BORDER = 1e-6
-
-Floats = NDArray[np.float64]
 
 
 def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:

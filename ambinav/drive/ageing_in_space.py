@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
@@ -15,10 +14,9 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.casting.prisms.prisms import NO_AREA, Prisms
 from ambinav.geometry.edit_in_space import GROUND, STANDING
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav.runtime.errors import InputError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Thing = tuple[int, shapely.Polygon]
 
 
@@ -45,7 +43,7 @@ def prisms_of(environment: Environment, what: str) -> Prisms | None:
 
 def bent_lines(
     xy: Floats, moved: Callable[[Floats], Floats], piece: float
-) -> tuple[Floats, NDArray[np.intp]]:
+) -> tuple[Floats, Indices]:
     """Split lines, (N, 4), into pieces with moved ends, (M, 4); return each piece's line, (M,)."""
     lines = shapely.segmentize(shapely.linestrings(xy.reshape(-1, 2, 2)), piece)
     points, line = shapely.get_coordinates(lines, return_index=True)
@@ -93,7 +91,7 @@ class Piece:
     things: list[Thing]
     on_plan: BaseGeometry
     shape: BaseGeometry
-    bodies: Ints
+    bodies: Indices
     low: float = 0.0
     high: float = 0.0
 
@@ -161,7 +159,7 @@ class Bodies:
         return pieces
 
     def _covered(
-        self, outlines: list[shapely.Polygon], bodies: Ints
+        self, outlines: list[shapely.Polygon], bodies: Indices
     ) -> tuple[BaseGeometry, BaseGeometry] | None:
         """Return a piece's area on the plan, and seen from above; None if it is no furniture."""
         apart = shapely.STRtree(outlines).query(

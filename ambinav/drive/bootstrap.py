@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.drive import shares
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 DRAWS = 4000
@@ -25,7 +26,6 @@ LEVEL = 0.95
 # Draws at once: this many numbers are held at a time.
 AT_ONCE = 4_000_000
 
-Floats = NDArray[np.float64]
 Statistic = Literal["mean", "median"]
 STATISTICS: dict[str, Callable[..., Floats]] = {"mean": np.mean, "median": np.median}
 

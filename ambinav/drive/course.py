@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.motion.steering import REEDS_SHEPP, Steering, checked_poses
 from ambinav.routes.clock import SPACING
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 
-Floats = NDArray[np.float64]
-Arrays = tuple[Floats, Floats, Floats, NDArray[np.int64]]
+Arrays = tuple[Floats, Floats, Floats, Ints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +33,12 @@ class Course:
     points: Floats
     along: Floats
     directions: Floats
-    end: NDArray[np.int64]
+    end: Ints
     goal: tuple[float, float, float]
     turns: bool
 
     @classmethod
-    def of(cls, poses: NDArray[np.float64], steering: Steering, step: float = SPACING) -> Course:
+    def of(cls, poses: Floats, steering: Steering, step: float = SPACING) -> Course:
         """Make the course of a route through poses, shape (N, 3).
 
         In the space se2 the robot, which cannot move sideways, looks along the travel on the path

@@ -6,17 +6,12 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_count, check_kind
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
-from ambinav.drive.localizer_spec import (
-    ChosenLocalizer,
-    LocalizerContext,
-    chosen_localizer,
-    suited,
-)
+from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
 from ambinav.drive.localizers import Localizer, reads_intensities, updated
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -31,6 +26,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -41,14 +37,12 @@ if TYPE_CHECKING:
 # so many seconds more.
 PATIENCE, SPARE = 3.0, 10.0
 
-Floats = NDArray[np.float64]
-
 
 class Controller(Protocol):
     """Controller of R robots, made for one drive; it may keep a state."""
 
     def command(
-        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: Floats32
     ) -> Floats:
         """Return the command of each robot, speed (m/s) and turn rate (rad/s), shape (R, 2).
 

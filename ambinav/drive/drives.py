@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.world import COLLIDED, OUTCOMES, REACHED
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,25 +35,25 @@ class Drives:
     odometry: Floats
     estimate: Floats
     covariance: Floats
-    updated: NDArray[np.bool_]
-    samples: NDArray[np.int64]
-    outcome: NDArray[np.int64]
+    updated: Bools
+    samples: Ints
+    outcome: Ints
     goal: tuple[float, float, float]
     length: float
     open_loop: bool
-    ranges: NDArray[np.float32] | None
+    ranges: Floats32 | None
 
     def __len__(self) -> int:
         """Return the number of runs R."""
         return len(self.truth)
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def reached(self) -> Bools:
         """Mask of runs that ended with the estimate at the goal, shape (R,)."""
         return np.asarray(self.outcome == REACHED)
 
     @property
-    def collided(self) -> NDArray[np.bool_]:
+    def collided(self) -> Bools:
         """Mask of runs that ended at a wall, shape (R,)."""
         return np.asarray(self.outcome == COLLIDED)
 
@@ -103,11 +101,11 @@ class Recorder:
 
     def add(
         self,
-        going: NDArray[np.bool_],
+        going: Bools,
         poses: tuple[Floats, Floats, Floats],
         covariance: Floats,
-        fresh: NDArray[np.bool_],
-        ranges: NDArray[np.float32],
+        fresh: Bools,
+        ranges: Floats32,
     ) -> None:
         """Add a sample of the runs that still drive, bool, shape (R,).
 
@@ -131,7 +129,7 @@ class Recorder:
     def drives(
         self,
         dt: float,
-        outcome: NDArray[np.int64],
+        outcome: Ints,
         goal: tuple[float, float, float],
         length: float,
         open_loop: bool,

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import from_mapping
-from ambinav.drive.localizers import Floats, Localizer
+from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.plugins import Calling, Registry
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -133,9 +133,7 @@ class _Plugged:
         with self._calling:
             self._made.start(poses, covariance)
 
-    def update(
-        self, odometry: Floats, ranges: NDArray[np.float32]
-    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+    def update(self, odometry: Floats, ranges: Floats32) -> Bools | Ints:
         with self._calling:
             return self._made.update(odometry, ranges)
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 
 
 class Localizer(Protocol):
@@ -30,9 +28,7 @@ class Localizer(Protocol):
     def start(self, poses: Floats, covariance: Floats) -> object:
         """Start at poses, shape (R, 3), with a covariance, shape (3, 3)."""
 
-    def update(
-        self, odometry: Floats, ranges: NDArray[np.float32]
-    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+    def update(self, odometry: Floats, ranges: Floats32) -> Bools | Ints:
         """Update with odometry poses, (R, 3), odometry frame, and readings, (R, B).
 
         Returns:
@@ -48,11 +44,8 @@ class IntensityLocalizer(Localizer, Protocol):
         """True if it uses intensities; if not, it is never given any."""
 
     def update(
-        self,
-        odometry: Floats,
-        ranges: NDArray[np.float32],
-        intensities: NDArray[np.float32] | None = None,
-    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+        self, odometry: Floats, ranges: Floats32, intensities: Floats32 | None = None
+    ) -> Bools | Ints:
         """Update as a `Localizer` does, with intensities of the readings, (R, B), nan for none."""
 
 
@@ -62,11 +55,8 @@ def reads_intensities(localizer: Localizer) -> bool:
 
 
 def updated(
-    localizer: Localizer,
-    odometry: Floats,
-    ranges: NDArray[np.float32],
-    intensities: NDArray[np.float32] | None,
-) -> NDArray[np.bool_]:
+    localizer: Localizer, odometry: Floats, ranges: Floats32, intensities: Floats32 | None
+) -> Bools:
     """Update a localizer; return which runs used the readings, (R,).
 
     Intensities are passed where there are any.
@@ -107,7 +97,7 @@ class DeadReckoning:
         self._mean = np.array(poses)
         self._covariance = np.tile(covariance, (len(poses), 1, 1))
 
-    def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def update(self, odometry: Floats, ranges: Floats32) -> Bools:
         """Move along with odometry poses, shape (R, 3); the readings are ignored.
 
         Returns:

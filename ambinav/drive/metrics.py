@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.drives import Drives
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.service.field import Field
 
 LOST_POSITION, LOST_HEADING, LOST_SECONDS = 0.5, math.radians(30.0), 1.0
@@ -24,9 +24,6 @@ INSTANT = 1e-9
 FULL_RANK = 1e-12
 LEAST_STD = 5e-4
 """Metres or radians; a lower deviation, as of a few particles that are left, counts as this."""
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

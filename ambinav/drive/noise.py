@@ -24,14 +24,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import NonNegative, Number, check_fields
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 
 class PackedNoise(NamedTuple):

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import NonNegative, Positive, check_fields, integer
 from ambinav.drive.world import ROUNDING
@@ -21,6 +20,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import uniform
+from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -32,8 +32,6 @@ TRIES = 10_000
 KEEP = 0.3
 # Turns from straight away that a person tries whom a wall keeps from it, radians.
 ASIDE = (0.0, 0.25 * math.pi, -0.25 * math.pi, 0.5 * math.pi, -0.5 * math.pi)
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -80,12 +78,7 @@ class Crowd:
     """
 
     def __init__(
-        self,
-        environment: Environment,
-        people: People,
-        robots: float,
-        poses: Floats,
-        states: NDArray[np.uint64],
+        self, environment: Environment, people: People, robots: float, poses: Floats, states: UInts
     ) -> None:
         self.people = people
         self._apart = robots + people.radius + KEEP

@@ -40,14 +40,13 @@ from pathlib import Path
 from typing import IO, Annotated, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from ambinav.config import Positive, check_fields, fault
 from ambinav.drive.localizer_spec import LocalizerContext, LocalizerSpec
-from ambinav.drive.localizers import Floats
 from ambinav.drive.own_localizers import alphas
 from ambinav.export.occupancy import TRINARY, occupancy, raster_of, save_map_server
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 
 CELL: Final = 0.05
@@ -165,7 +164,7 @@ class ProgramLocalizer:
         self._covariance = np.tile(covariance, (len(poses), 1, 1))
         self._ask({"start": poses.tolist(), "covariance": covariance.tolist()})
 
-    def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def update(self, odometry: Floats, ranges: Floats32) -> Bools:
         """Update with odometry poses, (R, 3), and readings, (R, B); return who took them in."""
         sent = np.where(ranges == np.inf, self._longest, np.maximum(ranges, -BESIDE)).astype(object)
         sent[np.isnan(ranges)] = None
@@ -249,9 +248,7 @@ class ProgramLocalizer:
 
 
 def _end(
-    process: subprocess.Popen[bytes],
-    errors: IO[bytes],
-    folder: tempfile.TemporaryDirectory[str],
+    process: subprocess.Popen[bytes], errors: IO[bytes], folder: tempfile.TemporaryDirectory[str]
 ) -> None:
     """End the program, by force if it does not by itself."""
     for pipe in (process.stdin, process.stdout):

@@ -13,11 +13,10 @@ from ambinav.drive.people import PERSON_HEIGHT
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import REFLECTOR
 from ambinav.localization.random import normals, uniform
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints32, UInts
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 
 class Readings:
@@ -61,7 +60,7 @@ class Readings:
 
     def true_ranges(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
-    ) -> NDArray[np.float32]:
+    ) -> Floats32:
         """Return each beam's range, float32, shape (R, B), as `RangeScanner.scan`.
 
         Args:
@@ -74,7 +73,7 @@ class Readings:
 
     def look(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    ) -> tuple[Floats32, Bools]:
         """Return `true_ranges`, and whether each beam's first ray meets a reflector, (R, B)."""
         echo, distance, segment = self._cast(poses, people, radius)
         first = self._rays.start[:-1]
@@ -85,7 +84,7 @@ class Readings:
 
     def _cast(
         self, poses: Floats, people: Floats | None, radius: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+    ) -> tuple[Floats32, Floats32, Ints32]:
         """Return each ray's echo, its distance to the surface behind people, and that surface."""
         x, y, theta = np.ascontiguousarray(poses.T)
         rays = self._rays
@@ -102,9 +101,7 @@ class Readings:
                 _block_in_space(*args, rays.height, rays.elevation, distance, echo)
         return echo, distance, segment
 
-    def capture(
-        self, true_ranges: NDArray[np.float32], states: NDArray[np.uint64]
-    ) -> NDArray[np.float32]:
+    def capture(self, true_ranges: Floats32, states: UInts) -> Floats32:
         """Simulate one reading per true range, float32, (R, B): -inf too near, inf no echo.
 
         Args:
@@ -116,7 +113,7 @@ class Readings:
         capture(mean, std, self.sensors, states, out)
         return out
 
-    def moments(self, true_ranges: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    def moments(self, true_ranges: Floats32) -> tuple[Floats, Floats]:
         """Return mean and deviation of each reading before it is rounded, shape (R, B), metres."""
         mean = np.array(true_ranges, dtype=np.float64)
         std = np.empty_like(mean)
@@ -127,12 +124,7 @@ class Readings:
             mean[:, beams] = d + sensor.bias_at(d)
         return mean, std
 
-    def intensities(
-        self,
-        reflects: NDArray[np.bool_],
-        readings: NDArray[np.float32],
-        states: NDArray[np.uint64],
-    ) -> NDArray[np.float32]:
+    def intensities(self, reflects: Bools, readings: Floats32, states: UInts) -> Floats32:
         """Simulate each reading's intensity, float32, shape (R, B); nan for none.
 
         Args:
@@ -150,7 +142,7 @@ class Readings:
         return result
 
 
-def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:
+def standard_normals(states: UInts, count: int) -> Floats:
     """Draw `count` standard normal numbers for each run, shape (R, count)."""
     out = np.empty((len(states), count))
     _normals(states, out)

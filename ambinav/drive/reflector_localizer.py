@@ -12,12 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.scans import plane_only
 from ambinav.config import NonNegative, Positive, Share, check_fields
 from ambinav.drive.localizer_spec import LocalizerContext, LocalizerSpec
-from ambinav.drive.localizers import DeadReckoning, Floats, Localizer
+from ambinav.drive.localizers import DeadReckoning, Localizer
 from ambinav.geometry.environment import Environment
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, why_no_reflectors
@@ -26,6 +25,7 @@ from ambinav.localization.intensity import beside_ranges
 from ambinav.localization.reflector_detection import reflector_beams
 from ambinav.localization.reflector_update import update_by_reflectors
 from ambinav.localization.reflector_view import ReflectorMap
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -96,11 +96,8 @@ class ReflectorLocalizer(DeadReckoning):
         return True
 
     def update(
-        self,
-        odometry: Floats,
-        ranges: NDArray[np.float32],
-        intensities: NDArray[np.float32] | None = None,
-    ) -> NDArray[np.bool_]:
+        self, odometry: Floats, ranges: Floats32, intensities: Floats32 | None = None
+    ) -> Bools:
         """Move along with odometry poses, (R, 3), and use the reflectors of a scan, (R, B) each.
 
         Returns:

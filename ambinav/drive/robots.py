@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
@@ -11,8 +10,7 @@ from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
 from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_commanded
 from ambinav.geometry.collision.checker import CollisionChecker
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, UInts
 
 
 class Robots:
@@ -44,7 +42,7 @@ class Robots:
         follower: FollowerParameters,
         noise: OdometryNoise,
         checker: CollisionChecker,
-        states: NDArray[np.uint64],
+        states: UInts,
         dt: float,
         path: Floats | None = None,
     ) -> None:
@@ -68,7 +66,7 @@ class Robots:
         )  # fmt: skip
         self._walls = (robot.radius, *checker.arrays[:2])
 
-    def step(self, belief: Floats, want: Floats | None = None) -> NDArray[np.bool_]:
+    def step(self, belief: Floats, want: Floats | None = None) -> Bools:
         """Drive for one time step; return which robots did, bool, shape (R,).
 
         Args:

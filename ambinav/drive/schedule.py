@@ -5,20 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.clock import speed_profile
+from ambinav.runtime.array_types import Floats
 
 
-def scheduled(
-    poses: NDArray[np.float64],
-    steering: Steering,
-    robot: Robot,
-    desired: float,
-    dt: float,
-) -> NDArray[np.float64]:
+def scheduled(poses: Floats, steering: Steering, robot: Robot, desired: float, dt: float) -> Floats:
     """Return poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
 
     The drive is that of `speed_profile`, but turns on the spot are made at the turn rate at once.

@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from ambinav.runtime.array_types import Floats
+
 LIKELY_CORRELATION: Final = 0.1
 """Correlation of a group's runs that is taken as likely before any event."""
 LIKELY_EVENTS: Final = 4.0
@@ -44,9 +46,7 @@ class Evidence(NamedTuple):
     quantile: float
 
 
-def evidence_of(
-    values: NDArray[np.float64], group: NDArray[np.generic] | None, level: float
-) -> Evidence:
+def evidence_of(values: Floats, group: NDArray[np.generic] | None, level: float) -> Evidence:
     """Compute the evidence of runs that come in groups.
 
     Args:

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 import shapely
 import yaml
-from numpy.typing import NDArray
 from PIL import Image
 
 from ambinav.export.raster import Raster
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import edges_of
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 
 FREE: Final = 254
@@ -30,7 +30,7 @@ may lie from the cells that it represents."""
 
 
 def save_map_server(
-    path: Path, pixels: NDArray[np.uint8], raster: Raster, mode: str, **thresholds: float
+    path: Path, pixels: Bytes, raster: Raster, mode: str, **thresholds: float
 ) -> tuple[Path, ...]:
     """Write a grey image and its YAML file.
 
@@ -91,9 +91,7 @@ def _upright(extent: shapely.Polygon) -> bool:
     return bool(math.isclose(extent.area, shapely.box(*extent.bounds).area, rel_tol=1e-9))
 
 
-def occupancy(
-    environment: Environment, raster: Raster, *, for_rays: bool = False
-) -> NDArray[np.uint8]:
+def occupancy(environment: Environment, raster: Raster, *, for_rays: bool = False) -> Bytes:
     """Return the grey value of each cell, uint8, (ny, nx): free, occupied or unknown.
 
     A cell is free if its centre is where a robot may be (`Environment.collision`) and, on a drawn

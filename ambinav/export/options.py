@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_number, nearest
 from ambinav.export.registry import Exporter
@@ -17,6 +16,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
 
 PACKAGE = re.compile(r"[a-z][a-z0-9_]*(/[\w.-]+)*/?")
@@ -134,7 +134,7 @@ class MapExport:
     amap: AmbiguityMap
     options: ExportOptions
 
-    def floor(self, layer: str) -> NDArray[np.float64]:
+    def floor(self, layer: str) -> Floats:
         """Return a layer over the floor, its mean over headings, (ny, nx); nan off the free floor.
 
         Raises:
@@ -154,7 +154,7 @@ class MapExport:
             free = free & (values != NOT_FREE)
         return np.where(free, values.astype(np.float64), np.nan)
 
-    def counted(self, layer: str) -> NDArray[np.float64]:
+    def counted(self, layer: str) -> Floats:
         """Return `floor`, with nan where floor does not count (`AmbiguityMap.judged`).
 
         Raises:

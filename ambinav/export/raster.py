@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -58,14 +55,14 @@ class Raster:
         size = self.resolution
         return self.x, self.y, self.x + nx * size, self.y + ny * size
 
-    def inside(self, geometry: BaseGeometry) -> Mask:
+    def inside(self, geometry: BaseGeometry) -> Bools:
         """Return the cells whose centre lies in polygons, bool, shape (ny, nx)."""
         ny, nx = self.shape
         x = self.x + (np.arange(nx) + 0.5) * self.resolution
         y = self.y + (np.arange(ny) + 0.5) * self.resolution
         return lattice_inside(geometry, x, y)
 
-    def crossed(self, segments: Floats) -> Mask:
+    def crossed(self, segments: Floats) -> Bools:
         """Return the cells that segments (N, 4) cross, bool, shape (ny, nx)."""
         ax, ay = self._in_cells(segments[:, :2])
         bx, by = self._in_cells(segments[:, 2:])
@@ -93,7 +90,7 @@ class Raster:
         mask[row[within], column[within]] = True
         return mask
 
-    def outline(self, mask: Mask) -> shapely.MultiPolygon:
+    def outline(self, mask: Bools) -> shapely.MultiPolygon:
         """Return the pieces that cells form, with holes; cells join along edges.
 
         Rings are ordered as RFC 7946 has them: outer ones counter-clockwise.
@@ -121,7 +118,7 @@ def _short(value: float) -> float:
     return float(np.round(value, 9))
 
 
-def _spans(first: NDArray[np.int64], after: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+def _spans(first: Ints, after: Ints) -> tuple[Ints, ...]:
     """Return all whole numbers of half-open intervals, and the interval of each."""
     count = np.maximum(after - first, 0)
     which = np.repeat(np.arange(len(count)), count)

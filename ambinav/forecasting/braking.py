@@ -17,13 +17,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.forecasting.forecast import Forecast
 from ambinav.maps.ambiguity_map import AmbiguityMap
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats
 
 DIRECTIONS = 16
 """Directions, and parts of the radius, at which the ellipse is looked at."""

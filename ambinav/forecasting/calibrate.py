@@ -23,10 +23,9 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import share
-
-Floats = NDArray[np.float64]
 
 FOLDS = 5
 # Of a search: evaluations, and the size of its first steps in the logarithm of a gain.
@@ -171,7 +170,7 @@ def brier_skill(forecasts: Floats, shares: Floats, weights: Floats | None = None
     return float(1.0 - np.average(scores, weights=weights) / (base * (1.0 - base)))
 
 
-def skill_ceiling(shares: Floats, runs: NDArray[np.int64]) -> float:
+def skill_ceiling(shares: Floats, runs: Ints) -> float:
     """Return the skill of the true probabilities, estimated without bias, runs above 1."""
     base = shares.mean()
     chance = np.mean(shares * (1.0 - shares) * runs / (runs - 1))

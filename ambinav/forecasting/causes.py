@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Floats
 
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import LostRule
 
-Floats = NDArray[np.float64]
 
 OPEN, SLIDING, TURNING = "open floor", "sliding", "heading"
 _HOW: Final = {
@@ -71,11 +71,7 @@ class Cause:
 
 
 def causes_of(
-    poses: Floats,
-    along: Floats,
-    lost: Floats,
-    covariance: Floats,
-    rule: LostRule,
+    poses: Floats, along: Floats, lost: Floats, covariance: Floats, rule: LostRule
 ) -> tuple[Cause, ...]:
     """Return the stretches on which robots get lost, the worst first.
 

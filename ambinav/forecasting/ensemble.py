@@ -21,12 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.config import as_count, as_number
 from ambinav.drive.bootstrap import LEVEL, Interval, share
 from ambinav.drive.drive import checked_start, checked_timing, drive_route, make_localizer
-from ambinav.drive.localizer_spec import (
-    ChosenLocalizer,
-    LocalizerContext,
-    chosen_localizer,
-    suited,
-)
+from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, LOST_SECONDS, first_lost
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -52,6 +47,7 @@ from ambinav.localization.mesh_rays import MeshRays
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 from ambinav.runtime.threads import share as share_rows
@@ -60,7 +56,6 @@ from ambinav.sensing.scanner import RangeScanner
 BATCH = 16
 """Runs after which a sequential ensemble looks whether it may stop."""
 
-Floats = NDArray[np.float64]
 Errors = NDArray[np.float32]
 
 
@@ -94,7 +89,7 @@ class LostRule:
             if as_number(value, name) < 0.0:
                 raise InputError(f"{name} is {value}; give at least 0.")
 
-    def is_off(self, error: Errors, theta: Floats) -> NDArray[np.bool_]:
+    def is_off(self, error: Errors, theta: Floats) -> Bools:
         """Return whether errors are above a limit, shape (R, n).
 
         Args:
@@ -135,7 +130,7 @@ class Ensemble:
     distance: Floats
     time: Floats
     error: Errors
-    lost: NDArray[np.bool_]
+    lost: Bools
     lost_at: Floats
     probability: Interval
     threshold: float | None

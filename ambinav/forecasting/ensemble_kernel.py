@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import PackedNoise, sample_odometry
 from ambinav.drive.readings import capture
@@ -29,10 +28,8 @@ from ambinav.localization.mcl_update import (
 )
 from ambinav.localization.odometry import apply_motion, deviations, motion_between, wrapped
 from ambinav.localization.random import normals, ziggurat
+from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
-Words = NDArray[np.uint64]
 
 
 class RouteScans(NamedTuple):
@@ -83,10 +80,10 @@ class RunStreams(NamedTuple):
         own: Of the localizer.
     """
 
-    start: Words
-    odometry: Words
-    readings: Words
-    own: Words
+    start: UInts
+    odometry: UInts
+    readings: UInts
+    own: UInts
 
 
 @kernel

@@ -37,15 +37,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import propagate_covariance
 from ambinav.forecasting.information_field import ECHOES, information_at, matrix_at
 from ambinav.geometry.motion.circles import wrap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 # From so many deviations on nothing is cut off: 2 Phi(-6) is 2e-9.
 FAR = 6.0

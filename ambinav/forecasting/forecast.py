@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_number, check_kind
 from ambinav.config.values import shown
@@ -27,10 +27,9 @@ from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 FINER = 5
 """Points of a route that are looked at for each distance between updates."""
@@ -264,10 +263,10 @@ class Forecaster:
                 stacklevel=3,
             )
 
-    def _floor(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    def _floor(self, x: Floats, y: Floats) -> Bools:
         return np.asarray(self.map.sample("free", x, y)) >= 0.5
 
-    def _check(self, poses: Floats, first: NDArray[np.int64]) -> None:
+    def _check(self, poses: Floats, first: Ints) -> None:
         """Refuse routes that do not lie on the map's floor; arguments as of `forecast_rows`."""
         off = ~self._floor(poses[:, 0], poses[:, 1])
         if off.any():
@@ -286,7 +285,7 @@ class Forecaster:
                 f"{self.map.source}; give the map that it was planned on."
             )
 
-    def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def _run(self, poses: Floats, first: Ints) -> tuple[Floats, Floats]:
         """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
         self._check(poses, first)
         covariance, lost = np.empty((len(poses), 3, 3)), np.empty(len(poses))

@@ -49,20 +49,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import NOBODY, beam_noise, informations, ray_caster
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import bilinear, corner
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.field import nearest_possible
-
-Floats = NDArray[np.float64]
 
 # On a map with headings a scan is cast at each of them: with so many beams of each sensor a cell in
 # all, evenly chosen and weighted up, the 760 000 poses of the demo take 10 s.
@@ -86,8 +84,8 @@ class InformationField:
         spacing: Metres.
     """
 
-    nearest: NDArray[np.int32]
-    entries: NDArray[np.float32]
+    nearest: Ints32
+    entries: Floats32
     origin: tuple[float, float]
     spacing: float
 
@@ -153,7 +151,7 @@ class InformationField:
         return cls(nearest, entries, origin, amap.spacing)
 
     @property
-    def fields(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def fields(self) -> tuple[Ints32, Floats32]:
         """What `information_at` reads."""
         return self.nearest, self.entries
 
@@ -163,7 +161,7 @@ class InformationField:
         return bool(self.entries.shape[1] > ECHOES)
 
     @property
-    def weak(self) -> NDArray[np.float32]:
+    def weak(self) -> Floats32:
         """The least information about the position of each cell, 1/m^2, shaped as `nearest`."""
         return np.asarray(self.entries[self.nearest, 6])
 
@@ -186,13 +184,13 @@ LAYERS = ("major", "minor", "major_radius", "minor_radius", "direction")
 TURNS = ("heading", "heading_radius")
 
 
-def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
+def _as_headings(amap: AmbiguityMap, layer: str) -> Floats32:
     """Return a layer over (y, x, headings)."""
     values = amap.dataset[layer].values
     return np.asarray(values[:, :, np.newaxis] if values.ndim == 2 else values)
 
 
-def _near(amap: AmbiguityMap, poses: Floats) -> NDArray[np.bool_]:
+def _near(amap: AmbiguityMap, poses: Floats) -> Bools:
     """Return a mask, shaped as `possible`, of the cells that interpolation at poses may read."""
     rows, columns, headings = amap.possible.shape
     cells = np.zeros(amap.possible.shape, dtype=np.bool_)
@@ -272,7 +270,7 @@ def _used(scanner: RangeScanner, beams_used: int) -> Floats:
     return np.asarray(np.repeat(share, sizes), dtype=np.float64)
 
 
-def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], Floats]:
+def _thinned(scanner: RangeScanner, headings: int) -> tuple[Ints, Floats]:
     """Select beams to cast at each heading, and how many beams each of them represents."""
     chosen, weight = [], []
     most = max(BEAMS_A_CELL // headings, 1)

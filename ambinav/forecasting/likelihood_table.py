@@ -12,10 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.localization.filter_state import FIELD_PRODUCT, FIELD_SUM, FilterModel
 from ambinav.localization.likelihood_field import apply_factors
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.kernels import kernel
 
 _ZERO, _HALF_CELL = np.float32(0.0), 1.5
@@ -32,7 +32,7 @@ class LikelihoodTable(NamedTuple):
         base: See `values`.
     """
 
-    values: NDArray[np.float32]
+    values: Floats32
     rows: int
     columns: int
     base: float

@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from ambinav.config import Number, Positive, check_fields, check_kind, nearest, read_text
@@ -34,11 +33,11 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.filter_kernel import FilterSettings
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
 
-Floats = NDArray[np.float64]
 Plain = str | Mapping[str, Any]
 
 _FOLDER: Final = Path(__file__).parent / "localizers"

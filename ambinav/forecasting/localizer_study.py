@@ -14,7 +14,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
@@ -33,12 +32,10 @@ from ambinav.forecasting.study_drives import (
 )
 from ambinav.geometry.environment import Environment
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.store.map_store import MapStore
 from ambinav.version import __version__
-
-Floats = NDArray[np.float64]
-
 
 LEAST_STEP = 0.05
 """Metres and radians between updates of a class, at least: as between two scans."""

@@ -11,11 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.localization.filter_state import BEAM_PRODUCT, FilterModel
 from ambinav.localization.likelihood_field import apply_factors
 from ambinav.localization.range_table import looked_up
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.kernels import kernel
 
 # Entries of the curve for each deviation, and deviations beyond which it is 0.
@@ -32,7 +32,7 @@ class HitCurve(NamedTuple):
         scale: Entries per metre.
     """
 
-    values: NDArray[np.float32]
+    values: Floats32
     scale: float
 
 

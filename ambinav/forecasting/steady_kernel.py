@@ -27,14 +27,7 @@ import math
 import numpy as np
 
 from ambinav.drive.noise import propagate_covariance
-from ambinav.forecasting.filter_kernel import (
-    FAR,
-    axes,
-    between,
-    cut_off,
-    share_within,
-    take_in,
-)
+from ambinav.forecasting.filter_kernel import FAR, axes, between, cut_off, share_within, take_in
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 

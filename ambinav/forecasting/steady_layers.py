@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_count, as_number
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
@@ -32,10 +31,9 @@ from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.forecasting.steady_kernel import steady_rows
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 METRES: Final = 64.0
 """Metres over the same floor."""
@@ -50,7 +48,7 @@ def expected_error(
     localizer: str | LocalizerClass = "product",
     metres: float = METRES,
     directions: int = DIRECTIONS,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the root mean square error of the position that a robot comes to.
 
     Args:
@@ -75,7 +73,7 @@ def lost_rate(
     localizer: str | LocalizerClass = "product",
     metres: float = METRES,
     directions: int = DIRECTIONS,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the rate at which robots get lost; arguments and errors as of `expected_error`."""
     _, rate = steady_state(context, odometry, localizer, metres, directions)
     return {"lost_rate": context.spread(rate)}

@@ -6,15 +6,16 @@ from collections.abc import Hashable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
+
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints
 
 # Metres. A bare stretch shorter than this is rounding.
 SHORTEST_BARE = 1e-3
 
 
 def longest_bare(
-    free: BaseGeometry, segments: NDArray[np.float64], near: float
+    free: BaseGeometry, segments: Floats, near: float
 ) -> tuple[float, float, float] | None:
     """Find the longest stretch of the border of `free` on which no segment lies.
 
@@ -60,10 +61,10 @@ def _rings(free: BaseGeometry) -> list[BaseGeometry]:
     ]
 
 
-def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
+def repeated(edges: Floats, segments: Floats) -> Bools:
     """Return the edges that equal a segment, bit for bit, in either direction."""
 
-    def keys(lines: NDArray[np.float64]) -> list[Hashable]:
+    def keys(lines: Floats) -> list[Hashable]:
         swap = (lines[:, 0] > lines[:, 2]) | (
             (lines[:, 0] == lines[:, 2]) & (lines[:, 1] > lines[:, 3])
         )
@@ -73,25 +74,21 @@ def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArr
     return np.array([row in known for row in keys(edges)], dtype=np.bool_)
 
 
-def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
+def row_keys(rows: Floats) -> list[Hashable]:
     """Return one key per row, equal where all numbers are equal, bit for bit."""
     # + 0.0 makes -0.0 equal to 0.0. A set of keys is faster than sorting.
     plain = np.ascontiguousarray(rows + 0.0)
     return list(plain.view(np.dtype((np.void, plain.itemsize * rows.shape[1]))).ravel().tolist())
 
 
-def meeting(
-    segments: NDArray[np.float64], bounds: tuple[float, float, float, float]
-) -> NDArray[np.intp]:
+def meeting(segments: Floats, bounds: tuple[float, float, float, float]) -> Indices:
     """Return the rows of segments, shape (N, 4), whose bounds meet the given bounds."""
     low = np.minimum(segments[:, :2], segments[:, 2:])
     high = np.maximum(segments[:, :2], segments[:, 2:])
     return np.flatnonzero(((low <= bounds[2:]) & (high >= bounds[:2])).all(axis=1))
 
 
-def bare_pieces(
-    edges: NDArray[np.float64], segments: NDArray[np.float64], near: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def bare_pieces(edges: Floats, segments: Floats, near: float) -> tuple[Ints, Floats, Floats]:
     """Find the pieces of the edges without a segment: edge, and start and end share, 0 to 1."""
     if not len(edges):
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
@@ -132,7 +129,7 @@ def bare_pieces(
     return edge[bare], reached[bare], following[bare]
 
 
-def lines_of(border: NDArray[np.float64], walls: NDArray[np.float64]) -> NDArray[np.float64]:
+def lines_of(border: Floats, walls: Floats) -> Floats:
     """Return for each border edge the line of its wall, in the edge's direction.
 
     Args:

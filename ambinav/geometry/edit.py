@@ -20,9 +20,8 @@ from ambinav.geometry.border_cover import bare_pieces, meeting, repeated
 from ambinav.geometry.obstacle import Obstacle, checked_outline
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
-
-Floats = NDArray[np.float64]
 
 # Metres. What is this near to the border lies on it (as in `Environment`).
 ON_BORDER: Final = 1e-6
@@ -263,11 +262,11 @@ def _middles(rows: Floats) -> NDArray[np.object_]:
     return np.asarray(shapely.points((rows[:, :2] + rows[:, 2:]) / 2))
 
 
-def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
+def _inside(rows: Floats, free: BaseGeometry) -> Bools:
     """Return the mask of rows whose middle lies in the free space, off its border."""
     shapely.prepare(free)
     middle = _middles(rows)
-    inside: NDArray[np.bool_] = shapely.contains(free, middle)
+    inside: Bools = shapely.contains(free, middle)
     inside &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
     return inside
 
@@ -307,7 +306,7 @@ def _with_cell_state(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> Oc
     return replace(grid, state=painted, checksum="")
 
 
-def _paint(grid: OccupancyGrid, states: NDArray[np.uint8], shape: BaseGeometry, state: int) -> None:
+def _paint(grid: OccupancyGrid, states: Bytes, shape: BaseGeometry, state: int) -> None:
     """Write a state to the cells that a shape meets; arguments as of `_with_cell_state`."""
     xmin, ymin, xmax, ymax = shape.bounds
     columns, rows = grid.to_cells(

@@ -8,7 +8,6 @@ from typing import Final, Protocol
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.mesh.mesh import Mesh
@@ -16,16 +15,10 @@ from ambinav.casting.prisms.prisms import NO_AREA, Prisms, Sheets, Solid
 from ambinav.casting.solids import with_solids
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import bare_pieces, repeated
-from ambinav.geometry.edit import (
-    NEAR,
-    ON_BORDER,
-    Building,
-    between,
-    complement,
-    straight,
-)
+from ambinav.geometry.edit import NEAR, ON_BORDER, Building, between, complement, straight
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 
 # Metres above the floor. What ends below is driven and stood on.
@@ -34,8 +27,6 @@ GROUND: Final = 0.03
 STANDING: Final = 0.3
 # A tag stands this far in front of its wall, metres: its face, not the wall's, must be met.
 TAG: Final = 2e-3
-
-Floats = NDArray[np.float64]
 
 
 class Plan(Protocol):
@@ -208,7 +199,7 @@ def _without(
     return space.refilled(Sheets.joined(kept), solids=solids, free=free)
 
 
-def _stands(z: Floats, floor: float) -> NDArray[np.bool_]:
+def _stands(z: Floats, floor: float) -> Bools:
     """Return which heights, lowest and highest, (N, 2), are those of what stands on the floor."""
     low, high = z.T
     return np.asarray((low <= floor + STANDING) & (high > floor + GROUND))

@@ -11,7 +11,7 @@ from typing import overload
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.plane.anywhere import cast_anywhere
@@ -28,6 +28,7 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
 from ambinav.geometry.window import clipped, off_border, windowed
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 from ambinav.runtime.scalars import Scalar
@@ -185,14 +186,14 @@ class Environment:
         return made
 
     @property
-    def surface_normals(self) -> NDArray[np.float64]:
+    def surface_normals(self) -> Floats:
         """Unit normals of the surfaces that rays hit: of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
             return self.segments.normals
         return self.space.surface_normal
 
     @property
-    def surface_kind(self) -> NDArray[np.uint8]:
+    def surface_kind(self) -> Bytes:
         """Kind of each surface, shape (S,): see `ambinav.geometry.segments`."""
         return self.segments.kind if self.space is None else self.space.surface_kind
 
@@ -217,7 +218,7 @@ class Environment:
         return Triangulation.build(self.free, self.thin_walls)
 
     @cached_property
-    def border_segment(self) -> NDArray[np.int32]:
+    def border_segment(self) -> Ints32:
         """Segment on which each border edge of the triangulation lies, int32, (K,)."""
         lines = shapely.linestrings(self.segments.xy.reshape(-1, 2, 2))
         border = self.triangulation.border
@@ -225,7 +226,7 @@ class Environment:
         return np.asarray(shapely.STRtree(lines).nearest(middles), dtype=np.int32)
 
     @cached_property
-    def border_lines(self) -> NDArray[np.float64]:
+    def border_lines(self) -> Floats:
         """End points of a piece of the line of each border edge, (K, 4), metres.
 
         The edges of a slit lie beside their wall; their lines are the wall's own, so that ranges
@@ -234,12 +235,12 @@ class Environment:
         return lines_of(self.triangulation.border, self.segments.xy[self.border_segment])
 
     @property
-    def thin_walls(self) -> NDArray[np.float64]:
+    def thin_walls(self) -> Floats:
         """End points of the walls without thickness inside the free space, (K, 4), metres."""
         return self.segments.xy[self._thin]
 
     @cached_property
-    def _thin(self) -> NDArray[np.bool_]:
+    def _thin(self) -> Bools:
         """Mask over the segments: those that run through the free space."""
         return off_border(self.segments.xy, self.free)
 
@@ -247,9 +248,9 @@ class Environment:
     def is_free(self, x: Scalar, y: Scalar, radius: float = 0.0) -> bool: ...
 
     @overload
-    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_]: ...
+    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> Bools: ...
 
-    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
+    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> Bools | bool:
         """Return whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
 
         A point is free if it lies in the free space of rays. A disc is free if a robot of that
@@ -282,13 +283,9 @@ class Environment:
     def clearance(self, x: Scalar, y: Scalar, limit: float = math.inf) -> float: ...
 
     @overload
-    def clearance(
-        self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
-    ) -> NDArray[np.float64]: ...
+    def clearance(self, x: ArrayLike, y: ArrayLike, limit: float = math.inf) -> Floats: ...
 
-    def clearance(
-        self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
-    ) -> NDArray[np.float64] | float:
+    def clearance(self, x: ArrayLike, y: ArrayLike, limit: float = math.inf) -> Floats | float:
         """Compute the distance from (x, y) to a segment, metres, at most `limit`; broadcast."""
         shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         flat = clearances(self.grid, flat_x, flat_y, min(limit, 1e9))
@@ -298,13 +295,11 @@ class Environment:
     def cast(self, x: Scalar, y: Scalar, angle: Scalar, max_range: float) -> float: ...
 
     @overload
-    def cast(
-        self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
-    ) -> NDArray[np.float64]: ...
+    def cast(self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float) -> Floats: ...
 
     def cast(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
-    ) -> NDArray[np.float64] | float:
+    ) -> Floats | float:
         """Compute the exact distance along rays to the first segment.
 
         Args:
@@ -323,7 +318,7 @@ class Environment:
 
     def cast_hits(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    ) -> tuple[Floats, Ints32]:
         """Cast rays as `cast` does, and return the index of the segment hit too.
 
         The index is -1 where nothing is hit; both results are arrays.
@@ -332,7 +327,7 @@ class Environment:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
         return cast_anywhere(self, self.grid, x, y, angle, float(max_range))
 
-    def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
+    def normals(self, segment: ArrayLike) -> Floats:
         """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
         return self.segments.normals_of(segment)
 

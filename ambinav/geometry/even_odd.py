@@ -9,10 +9,12 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.runtime.array_types import Bools
+
 
 def lattice_inside(
     geometry: BaseGeometry, x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return whether the points of a lattice lie in polygons, bool, shape (ny, nx).
 
     Each edge that crosses a row turns inside to outside for all that is right of it. A point is

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 
@@ -27,7 +28,7 @@ class Footprint:
     """
 
     radius: float
-    corners: NDArray[np.float64]
+    corners: Floats
 
     @classmethod
     def disc(cls, radius: float) -> Footprint:
@@ -118,7 +119,7 @@ class Footprint:
         origin = shapely.Point(0.0, 0.0)
         return origin.buffer(self.radius, quad_segs=32) if self.radius > 0.0 else origin
 
-    def placed(self, poses: NDArray[np.float64]) -> NDArray[np.object_]:
+    def placed(self, poses: Floats) -> NDArray[np.object_]:
         """Return shapely geometries at poses, shape (N, 3): metres and radians, map frame."""
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         x, y = shapely.get_coordinates(self.shape).T

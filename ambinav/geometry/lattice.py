@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.raycast import cast_one
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -34,9 +34,9 @@ class Lattice:
 
     environment: Environment
     spacing: float
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    free: NDArray[np.bool_]
+    x: Floats
+    y: Floats
+    free: Bools
 
     @classmethod
     def over(cls, environment: Environment, spacing: float) -> Lattice:
@@ -62,7 +62,7 @@ class Lattice:
     @staticmethod
     def axes(
         environment: Environment, spacing: float, most: int = MAX_CELLS
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats]:
         """Compute the coordinates of the lattice's columns and rows over an environment.
 
         Args:
@@ -101,25 +101,25 @@ class Lattice:
         return float(width) * float(height)
 
     @cached_property
-    def index(self) -> NDArray[np.int32]:
+    def index(self) -> Ints32:
         """Index of each free point, row by row, int32, shape (R, C); -1 if not free."""
         index = np.full(self.free.shape, -1, dtype=np.int32)
         index[self.free] = np.arange(int(self.free.sum()), dtype=np.int32)
         return index
 
     @cached_property
-    def rows_columns(self) -> NDArray[np.int32]:
+    def rows_columns(self) -> Ints32:
         """Row and column of each free point, int32, shape (N, 2)."""
         return np.argwhere(self.free).astype(np.int32, order="C")
 
     @property
-    def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def points(self) -> tuple[Floats, Floats]:
         """Coordinates x and y of the free points, each of shape (N,), metres."""
         rows_columns = self.rows_columns
         return self.x[rows_columns[:, 1]], self.y[rows_columns[:, 0]]
 
     @cached_property
-    def links(self) -> NDArray[np.uint8]:
+    def links(self) -> Bytes:
         """Links of each free point, uint8, (N,): bit k is set if STEPS[k] crosses no segment."""
         x, y = self.points
         links = np.zeros(len(x), dtype=np.uint8)
@@ -131,13 +131,13 @@ class Lattice:
         _link_back(self.rows_columns, self.index, STEPS, links)
         return links
 
-    def links_among(self, mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    def links_among(self, mask: Bools) -> Bytes:
         """Return `links` between the free points of the mask, (N,); none from or to others."""
         links = self.links.copy()
         _unlink(self.rows_columns, self.index, STEPS, mask, links)
         return links
 
-    def among(self, mask: NDArray[np.bool_]) -> Lattice:
+    def among(self, mask: Bools) -> Lattice:
         """Return the lattice with only those of its N free points that the mask, (N,), contains."""
         if mask.all():
             return self
@@ -145,7 +145,7 @@ class Lattice:
         free[self.free] = mask
         return Lattice(self.environment, self.spacing, self.x, self.y, free)
 
-    def clearance(self, limit: float) -> NDArray[np.float64]:
+    def clearance(self, limit: float) -> Floats:
         """Compute each free point's distance, shape (N,), to a segment, at most `limit`."""
         return np.asarray(self.environment.clearance(*self.points, limit))
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Ints32, UInts
 
 
-def morton(rows_columns: NDArray[np.int32]) -> NDArray[np.uint64]:
+def morton(rows_columns: Ints32) -> UInts:
     """Compute positions of lattice points on a Morton curve, where neighbours are mostly close.
 
     Args:
@@ -19,7 +20,7 @@ def morton(rows_columns: NDArray[np.int32]) -> NDArray[np.uint64]:
     return (row << np.uint64(1)) | column
 
 
-def _spread_bits(values: NDArray[np.int32]) -> NDArray[np.uint64]:
+def _spread_bits(values: Ints32) -> UInts:
     """Move bit k of each value to position 2 k."""
     spread = values.astype(np.uint64)
     for shift, mask in (

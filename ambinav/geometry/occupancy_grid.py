@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Bytes, Floats
 
 FREE: Final = 0
 OCCUPIED: Final = 1
@@ -30,14 +31,14 @@ class OccupancyGrid:
         checksum: SHA-256 over the bytes of YAML file and image, or an empty string.
     """
 
-    state: NDArray[np.uint8]
+    state: Bytes
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     source: Path | None = None
     image: Path | None = None
     checksum: str = ""
 
-    def to_world(self, col: Any, row: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def to_world(self, col: Any, row: Any) -> tuple[Floats, Floats]:
         """Convert grid coordinates (column, row) to x, y in the map frame, metres.
 
         `col` and `row` (floats or arrays that broadcast) count from the outer corner of cell
@@ -49,7 +50,7 @@ class OccupancyGrid:
         c, s = math.cos(yaw), math.sin(yaw)
         return x0 + c * u - s * v, y0 + s * u + c * v
 
-    def to_cells(self, x: Any, y: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def to_cells(self, x: Any, y: Any) -> tuple[Floats, Floats]:
         """Convert points in the map frame to columns and rows: the inverse of `to_world`."""
         x0, y0, yaw = self.origin
         dx = (np.asarray(x, dtype=np.float64) - x0) / self.resolution
@@ -57,7 +58,7 @@ class OccupancyGrid:
         c, s = math.cos(yaw), math.sin(yaw)
         return c * dx + s * dy, c * dy - s * dx
 
-    def state_at(self, x: Any, y: Any) -> NDArray[np.uint8]:
+    def state_at(self, x: Any, y: Any) -> Bytes:
         """Return the cell's state at each point, map frame, metres; unknown beyond the grid."""
         column, row = (np.floor(values) for values in self.to_cells(x, y))
         rows, columns = self.state.shape
@@ -66,7 +67,7 @@ class OccupancyGrid:
         state[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
         return state
 
-    def outline(self) -> NDArray[np.float64]:
+    def outline(self) -> Floats:
         """Return the grid's corners, map frame, counter-clockwise, metres, shape (4, 2)."""
         rows, columns = self.state.shape
         column, row = np.array([0, columns, columns, 0]), np.array([0, 0, rows, rows])

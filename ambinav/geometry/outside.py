@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -23,7 +23,7 @@ THICKEST: Final = 1.0
 """Metres; in a drawn plan a thinner strip between two rooms is a wall."""
 
 
-def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
+def solid_cells(lattice: Lattice) -> Bools:
     """Return the cells of a lattice that contain something known to be solid, bool, shape (R, C).
 
     Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points),
@@ -46,7 +46,7 @@ class Backdrop:
     """
 
     grid: OccupancyGrid | None
-    occupied: NDArray[np.bool_] | None
+    occupied: Bools | None
     inside: BaseGeometry | None
 
     @classmethod
@@ -57,9 +57,7 @@ class Backdrop:
             return cls(None, None, _closed(environment.free))
         return cls(grid, grid.state == OCCUPIED, None)
 
-    def over(
-        self, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float
-    ) -> NDArray[np.bool_]:
+    def over(self, x: Floats, y: Floats, spacing: float) -> Bools:
         """Return candidate cells, which are solid unless `solid` excludes them.
 
         Args:
@@ -81,7 +79,7 @@ class Backdrop:
         )  # fmt: skip
         return solid
 
-    def solid(self, over: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def solid(self, over: Bools, free: Bools) -> Bools:
         """Return which of the cells `over` are solid, given which are free."""
         return over if self.inside is None else over & ~free
 

@@ -14,15 +14,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, Segments
+from ambinav.runtime.array_types import Bytes, Floats, Indices, Ints32
 
 Box = tuple[float, float, float, float]
-Floats = NDArray[np.float64]
 
 
 class EnvironmentPart(Environment):
@@ -50,10 +49,10 @@ class EnvironmentPart(Environment):
     def __init__(
         self,
         triangles: Floats,
-        segment: NDArray[np.int32],
+        segment: Ints32,
         lines: Floats,
         xy: Floats,
-        kind: NDArray[np.uint8],
+        kind: Bytes,
         name: str,
         resolution: float | None,
         collision: EnvironmentPart | None,
@@ -109,7 +108,7 @@ class PartCutter:
     collision: PartCutter | None
     low: Floats
     high: Floats
-    _band: tuple[float, float, NDArray[np.intp], NDArray[np.intp]] | None = None
+    _band: tuple[float, float, Indices, Indices] | None = None
 
     @classmethod
     def of(cls, environment: Environment, *, footprints: bool) -> PartCutter:
@@ -132,7 +131,7 @@ class PartCutter:
         """Return whether a triangle of the floor may lie in a box."""
         return bool(len(self._within(box)))
 
-    def _near(self, box: Box) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _near(self, box: Box) -> tuple[Indices, Indices]:
         """Return triangles and segments that may lie in the rows of a box, ascending.
 
         Boxes come row by row: those of a band are kept, not to look through all for each box.
@@ -147,7 +146,7 @@ class PartCutter:
         assert self._band is not None
         return self._band[2], self._band[3]
 
-    def _within(self, box: Box) -> NDArray[np.intp]:
+    def _within(self, box: Box) -> Indices:
         near, _ = self._near(box)
         return near[
             (self.low[near] <= box[2:]).all(axis=1) & (self.high[near] >= box[:2]).all(axis=1)

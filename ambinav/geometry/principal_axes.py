@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Floats
 
 
-def principal_axes(
-    xx: NDArray[np.float64], xy: NDArray[np.float64], yy: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def principal_axes(xx: Floats, xy: Floats, yy: Floats) -> tuple[Floats, Floats, Floats]:
     """Return square roots of the eigenvalues of [[xx, xy], [xy, yy]] and the first's direction.
 
     Returns:

@@ -9,9 +9,11 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
+
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 
 WALL: Final = 0
 FRONTIER: Final = 1
@@ -30,8 +32,8 @@ class Segments:
         kind: uint8, shape (N,): `WALL`, `FRONTIER`, `REFLECTOR` or `GLASS`.
     """
 
-    xy: NDArray[np.float64]
-    kind: NDArray[np.uint8]
+    xy: Floats
+    kind: Bytes
 
     def __post_init__(self) -> None:
         """Convert both arrays to their type and order, and drop segments of length 0."""
@@ -50,36 +52,36 @@ class Segments:
         return len(self.xy)
 
     @cached_property
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> Floats:
         """Unit normals, shape (N, 2), left of a to b."""
         along = self.xy[:, 2:] - self.xy[:, :2]
         normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         return normal
 
-    def normals_of(self, index: ArrayLike) -> NDArray[np.float64]:
+    def normals_of(self, index: ArrayLike) -> Floats:
         """Return the normals of segments by index, (..., 2); nan for -1."""
         which = np.asarray(index, dtype=np.int64)
         normal = self.normals[np.maximum(which, 0)]
         return np.where((which >= 0)[..., None], normal, np.nan)
 
     @property
-    def walls(self) -> NDArray[np.bool_]:
+    def walls(self) -> Bools:
         """Mask, shape (N,): True where the segment is a wall, reflectors and glass included."""
         return np.asarray(self.kind != FRONTIER)
 
     @property
-    def reflectors(self) -> NDArray[np.bool_]:
+    def reflectors(self) -> Bools:
         """Mask, shape (N,): True where the segment is a reflector."""
         return np.asarray(self.kind == REFLECTOR)
 
     @property
-    def glass(self) -> NDArray[np.bool_]:
+    def glass(self) -> Bools:
         """Mask, shape (N,): True where the segment is of glass."""
         return np.asarray(self.kind == GLASS)
 
     @property
-    def lengths(self) -> NDArray[np.float64]:
+    def lengths(self) -> Floats:
         """Length of each segment in metres, shape (N,)."""
         return np.hypot(self.xy[:, 2] - self.xy[:, 0], self.xy[:, 3] - self.xy[:, 1])
 
@@ -103,11 +105,11 @@ class Segments:
         return Segments(turned, self.kind)
 
 
-def edges_of(shape: BaseGeometry) -> NDArray[np.float64]:
+def edges_of(shape: BaseGeometry) -> Floats:
     """End points ax, ay, bx, by of the edges of polygons, shape (N, 4), in their unit."""
     rings = shapely.get_rings(shapely.get_parts(shape))
     xy, ring = shapely.get_coordinates(rings, return_index=True)
-    edges: NDArray[np.float64] = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
+    edges: Floats = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
     return edges
 
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.edit import ON_BORDER, polygons_of
 from ambinav.geometry.segments import FRONTIER, Segments, edges_of
+from ambinav.runtime.array_types import Bools, Floats
 
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax, metres."""
@@ -28,7 +28,7 @@ class Windowed(NamedTuple):
 
     segments: Segments
     free: BaseGeometry
-    thin: NDArray[np.bool_]
+    thin: Bools
 
 
 def clipped(shape: BaseGeometry, bounds: Bounds) -> BaseGeometry:
@@ -52,7 +52,7 @@ def windowed(segments: Segments, free: BaseGeometry, bounds: Bounds) -> Windowed
     return Windowed(Segments(np.concatenate([xy, rim]), kind), part, thin)
 
 
-def off_border(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool_]:
+def off_border(rows: Floats, free: BaseGeometry) -> Bools:
     """Return the mask of segments, (N, 4), whose middle is in the free space, off its border."""
     middle = shapely.points((rows[:, :2] + rows[:, 2:]) / 2)
     edge = free.boundary

@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.ops import nearest_points
 
 from ambinav.config import as_flat, as_number
@@ -27,9 +27,8 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.fisher import checked_tau, scan_informations
 from ambinav.layers.marginal import marginal_radii, prior_deviations
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError, InputWarning
-
-Floats = NDArray[np.float64]
 
 STD: Final = 0.1
 """Standard deviation of a range, metres. For receivers with the DW1000 the manual of Time Domain's
@@ -50,7 +49,7 @@ def range_information(
     std: float = STD,
     max_range: float = MAX_RANGE,
     receiver: float = 0.0,
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """Compute the Fisher information about x and y that ranges to beacons give.
 
     Args:
@@ -110,9 +109,7 @@ def _surface(environment: Environment, x: float, y: float) -> tuple[float, float
     return None
 
 
-def _in_view(
-    environment: Environment, x: Floats, y: Floats, to: tuple[float, float]
-) -> NDArray[np.bool_]:
+def _in_view(environment: Environment, x: Floats, y: Floats, to: tuple[float, float]) -> Bools:
     """Return whether nothing stands between positions, shape (N,), and a point; shape (N,)."""
     dx, dy = to[0] - x, to[1] - y
     away = np.hypot(dx, dy)
@@ -130,7 +127,7 @@ def beacons(
     odometry_std: float | None = None,
     heading_std: float | None = None,
     tau: float = 1.0,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the radii of the bound's covariance of x and y, with the heading marginalised.
 
     Args:

@@ -11,7 +11,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.model import independent_tau, thin
@@ -19,6 +18,7 @@ from ambinav.ambiguity.panorama import View, view_radii
 from ambinav.config import as_count, as_number
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Bools, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.layout import Part, Planar
 from ambinav.sensing.mounting import TURN
@@ -33,7 +33,7 @@ SAME = 1e-6
 
 def best_aperture(
     context: LayerContext, *, loss: float = LOSS, step: float = STEP, yaws: int = YAWS
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Find the smallest aperture whose level exceeds the full circle's by at most `loss`.
 
     Args:
@@ -61,7 +61,7 @@ def best_aperture(
     scale = model.tau / independent_tau(context.scanner)
     views: list[View] = []
     aperture_of: list[int] = []
-    possible: list[NDArray[np.bool_]] = []
+    possible: list[Bools] = []
     stands = standing(lattice, scanner, turns, model.robot_radius)
     for i, aperture in enumerate(apertures):
         narrowed = with_aperture(scanner, aperture)
@@ -117,9 +117,7 @@ LAYER = Layer(
     compute=best_aperture,
     compares_cells=True,
     why_not=why_not,
-    companions={
-        "best_aperture_around": ("level of the same sensor looking all around", "1"),
-    },
+    companions={"best_aperture_around": ("level of the same sensor looking all around", "1")},
     slow=True,
     in_space=True,
 )

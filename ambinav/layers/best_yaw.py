@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.panorama import View, view_radii
 from ambinav.config import as_count
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Floats32
 from ambinav.sensing.scanner import RangeScanner
 
 YAWS = 24
@@ -26,7 +26,7 @@ YAWS = 24
 NO_AXIS = 1e-6
 
 
-def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np.float32]]:
+def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, Floats32]:
     """Compute the level at the scanner's best direction, that direction, and the gain.
 
     Args:

@@ -8,14 +8,14 @@ so that it can be judged beside the other layers; far from every wall counts as 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.runtime.array_types import Floats32
 
 
-def clearance(context: LayerContext) -> dict[str, NDArray[np.float32]]:
+def clearance(context: LayerContext) -> dict[str, Floats32]:
     """Compute the distance from each free cell's centre to the nearest segment, metres."""
     return {"clearance": context.spread(context.lattice.clearance(np.inf))}
 

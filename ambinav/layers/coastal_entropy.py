@@ -50,7 +50,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.gaussian import FAST
@@ -63,6 +62,7 @@ from ambinav.geometry.lattice import STEPS
 from ambinav.layers.bands import bands
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -98,20 +98,20 @@ class Neighbourhood(NamedTuple):
     """
 
     first: int
-    rows_columns: NDArray[np.int32]
-    running: NDArray[np.int32]
-    links: NDArray[np.uint8]
-    steps: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    rows: NDArray[np.int32]
+    rows_columns: Ints32
+    running: Ints32
+    links: Bytes
+    steps: Ints
+    offsets: Ints
+    rows: Ints32
 
 
 class Comparison(NamedTuple):
     """Arguments of `kernel.compare` beside two scans and evidence; see `neighbourhood_sums`."""
 
-    limit: NDArray[np.float32]
-    inverse_cap: NDArray[np.float32]
-    use: NDArray[np.float32]
+    limit: Floats32
+    inverse_cap: Floats32
+    use: Floats32
     tau: float
     c0: float
     c2: float
@@ -127,13 +127,11 @@ class Posterior(NamedTuple):
     """
 
     prior: float
-    shifts: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    shifts: Floats
+    weights: Floats
 
 
-def coastal_entropy(
-    context: LayerContext, *, people: float = PEOPLE
-) -> dict[str, NDArray[np.float32]]:
+def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[str, Floats32]:
     """Compute the expected entropy of the pose after a scan, within the map's radius.
 
     Args:
@@ -178,7 +176,7 @@ def coastal_entropy(
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
-def _disc(steps: int, radius: float) -> NDArray[np.int64]:
+def _disc(steps: int, radius: float) -> Ints:
     """Return row and column steps within a radius in steps, shape (N, 2)."""
     axis = np.arange(-steps, steps + 1)
     rows, columns = (axis_grid.ravel() for axis_grid in np.meshgrid(axis, axis, indexing="ij"))
@@ -186,9 +184,7 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
     return np.stack([rows[near], columns[near]], axis=1)
 
 
-def _quarters(
-    context: LayerContext, heading: int, part: slice
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def _quarters(context: LayerContext, heading: int, part: slice) -> tuple[Floats32, Ints32]:
     """Return scans of N poses at their cells' centres, then at the centres of their quarters.
 
     Returns:
@@ -237,7 +233,7 @@ def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
     return (1.0 - odd) * float(weight @ bend), (1.0 - odd) * float(most)
 
 
-def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _known_pose(context: LayerContext) -> tuple[Floats32, Floats32]:
     """Return per beam the weight of small differences and 1 / its maximum evidence, shape (P,)."""
     table, scanner, beams = context.table, context.scanner, context.table.beams
     shares = [s.random_share + s.lost_share for s in scanner.sensors]
@@ -255,7 +251,7 @@ def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.
     return share, 1.0 / cap
 
 
-def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float32] | None:
+def _evidence(table: BeamTable, share: Floats32) -> Floats32 | None:
     """Return the evidence table for the variance of `_known`, or None if all bins are fine.
 
     One row a beam. A difference of z deviations is there one of z sqrt(2 share).
@@ -273,9 +269,7 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
     return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
 
-def _known(
-    data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
-) -> NDArray[np.float32]:
+def _known(data: Floats32, table: BeamTable, share: Floats32, people: float) -> Floats32:
     """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)

@@ -18,6 +18,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.hits import Hits, beam_hits
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -49,7 +50,7 @@ class LayerContext:
     environment: Environment
     scanner: RangeScanner
     lattice: Lattice
-    headings: NDArray[np.float64]
+    headings: Floats
     has_theta: bool
     model: AmbiguityModel
     amap: AmbiguityMap | None = None
@@ -127,11 +128,11 @@ class LayerContext:
         return replace(self, lattice=lattice)
 
     @cached_property
-    def possible(self) -> NDArray[np.bool_]:
+    def possible(self) -> Bools:
         """Mask of the poses where the robot can stand, shape (P, K): see `standing`."""
         return standing(self.lattice, self.full_scanner, self.headings, self.model.robot_radius)
 
-    def links(self, heading: int = 0) -> NDArray[np.uint8]:
+    def links(self, heading: int = 0) -> Bytes:
         """Return `Lattice.links` between cells where the robot can stand at this heading, (P,)."""
         return self.lattice.links_among(self.possible[:, heading])
 
@@ -147,7 +148,7 @@ class LayerContext:
         return self.scanner.turns_in_place
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Bools:
         """Cells where a robot can stand, shape (ny, nx)."""
         return self.lattice.free
 
@@ -167,7 +168,7 @@ class LayerContext:
         return self.model.map_std
 
     @cached_property
-    def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def points(self) -> tuple[Floats, Floats]:
         """Coordinates x and y of the free cells' centres, each of shape (P,), metres."""
         return self.lattice.points
 
@@ -179,7 +180,7 @@ class LayerContext:
             self.environment.has_reflectors,
         )  # fmt: skip
 
-    def poses(self, heading: int = 0) -> NDArray[np.float64]:
+    def poses(self, heading: int = 0) -> Floats:
         """Return x, y, theta of the free cells at the heading of this index, shape (P, 3)."""
         x, y = self.points
         return np.column_stack([x, y, np.full(len(x), self.headings[heading])])
@@ -213,7 +214,7 @@ class LayerContext:
 
         return self.keep("returns", (heading, part.start, part.stop, part.step), cast)
 
-    def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
+    def spread(self, values: NDArray[Any]) -> Floats32:
         """Spread values of the free cells over the lattice, nan elsewhere.
 
         Args:

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
@@ -42,12 +42,11 @@ from ambinav.localization.information import (
     ray_caster,
 )
 from ambinav.localization.mesh_rays import MeshRays
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Beams whose gradients are held at a time.
 BEAMS_AT_ONCE = 1_000_000
@@ -96,7 +95,7 @@ def fisher(
     heading_std: float | None = None,
     incidence: bool = True,
     tau: float = 1.0,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the radii of the bound's covariance of x and y, with the heading marginalised.
 
     Both are at most `odometry_std`: what is known beforehand takes part in the bound.

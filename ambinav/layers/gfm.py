@@ -29,13 +29,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.casting.scans import scan_rays
 from ambinav.config import as_number
 from ambinav.geometry.segments import FRONTIER
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Bools, Floats, Floats32, UInts
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -56,7 +57,7 @@ BATCH = 65536
 DECIMALS = 9
 
 
-def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
+def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, Floats32]:
     """Compute the share of directions in the scanner's view whose rays lack full rank.
 
     Args:
@@ -83,7 +84,7 @@ def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.fl
 
 def rank_masks(
     context: LayerContext, max_range: float, step: float = STEP, height: float = 0.0
-) -> NDArray[np.uint64]:
+) -> UInts:
     """Return the 64 directions of the map as bits, at each free cell.
 
     Args:
@@ -124,12 +125,8 @@ def rank_masks(
 
 
 def _cast(
-    context: LayerContext,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    reach: float,
-    height: float,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    context: LayerContext, x: Floats, y: Floats, reach: float, height: float
+) -> tuple[Floats32, Floats32]:
     """Return the distance to the wall in each direction, inf for none, and to a segment, (N, 64).
 
     Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
@@ -144,7 +141,7 @@ def _cast(
     return np.where(frontier[segment], np.float32(np.inf), bare), bare
 
 
-def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDArray[np.float64]:
+def share(masks: UInts, heading: ArrayLike, aperture: float) -> Floats:
     """Return the share of the bits set within a field of view, from the masks alone.
 
     Args:
@@ -160,13 +157,13 @@ def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDA
     return np.asarray(np.bitwise_count(masks & windows) / np.bitwise_count(windows))
 
 
-def _mask(seen: NDArray[np.bool_]) -> np.uint64:
+def _mask(seen: Bools) -> np.uint64:
     """Pack 64 truth values into bits."""
     packed: np.uint64 = np.packbits(seen, bitorder="little").view("<u8")[0]
     return packed
 
 
-def _view(scanner: RangeScanner, heading: float, in_space: bool) -> NDArray[np.float64]:
+def _view(scanner: RangeScanner, heading: float, in_space: bool) -> Floats:
     """Return the range and the height of view in each direction of the map; range 0: no view.
 
     Shape (64, 2), metres; in a plan heights mean nothing and are 0.

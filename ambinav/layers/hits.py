@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambinav.casting.scans import plane_only, scan_rays
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
@@ -31,18 +32,14 @@ class Hits:
         kind: int8, shape (N, B): one of `ambinav.geometry.segments`, or `NOTHING`.
     """
 
-    distance: NDArray[np.float32]
-    normal: NDArray[np.float32]
-    angle: NDArray[np.float32]
+    distance: Floats32
+    normal: Floats32
+    angle: Floats32
     kind: NDArray[np.int8]
 
 
 def beam_hits(
-    environment: Environment,
-    scanner: RangeScanner,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: float,
+    environment: Environment, scanner: RangeScanner, x: Floats, y: Floats, theta: float
 ) -> Hits:
     """Cast every beam of the scanner at the poses (x, y, theta), x and y of shape (N,).
 

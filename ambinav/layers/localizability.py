@@ -26,7 +26,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.casting.prisms.prisms import Prisms
@@ -37,12 +36,11 @@ from ambinav.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.layers.registry import Layer
 from ambinav.layers.voxels import Voxels, levels, voxel_range, voxels
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Cells of the grid are as wide as the walls are uncertain, within these limits (metres), and wider
 # where there would be more of them than this.
@@ -65,7 +63,7 @@ def localizability_matrices(
     poses: Floats,
     step: float = STEP,
     turn: float = TURN,
-    possible: NDArray[np.bool_] | None = None,
+    possible: Bools | None = None,
     floor: float = 0.0,
 ) -> Floats:
     """Compute the static localizability matrix at each pose.
@@ -109,7 +107,7 @@ def localizability(
     turn: float = TURN,
     odometry_std: float | None = None,
     heading_std: float | None = None,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the localizability matrix's determinant, and the radius and direction that it leaves.
 
     Args:
@@ -155,9 +153,7 @@ def localizability(
     return {name: context.spread(values) for name, values in zip(names, results, strict=True)}
 
 
-def _possible_around(
-    context: LayerContext, poses: Floats, step: float, turn: float
-) -> NDArray[np.bool_]:
+def _possible_around(context: LayerContext, poses: Floats, step: float, turn: float) -> Bools:
     """Return `possible` of `localizability_matrices` at poses of one heading."""
     mask = np.empty((len(poses), 3, 2), dtype=np.bool_)
     x, y, heading = poses[:, 0], poses[:, 1], float(poses[0, 2])
@@ -280,10 +276,7 @@ LAYER = Layer(
     compute=localizability,
     companions={
         "localizability_direction": ("localizability, axis of the major radius", "rad"),
-        "localizability_determinant": (
-            "determinant of the localizability matrix",
-            "1/(m^4 rad^2)",
-        ),
+        "localizability_determinant": ("determinant of the localizability matrix", "1/(m^4 rad^2)"),
     },
     high_is_good=("localizability_determinant",),
     in_space=True,

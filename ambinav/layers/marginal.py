@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.config import as_number
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.layers.context import LayerContext
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 def marginal_radii(

@@ -16,7 +16,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_cdt
 
 from ambinav.casting.plane.grid import SegmentGrid
@@ -24,6 +23,7 @@ from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps.lattice_values import bilinear
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -56,8 +56,8 @@ class Occupancy(NamedTuple):
     x0: float
     y0: float
     cell: float
-    hazard: NDArray[np.float32]
-    room: NDArray[np.int32]
+    hazard: Floats32
+    room: Ints32
 
 
 def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
@@ -100,13 +100,7 @@ def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
     return Occupancy(x0, y0, cell, hazard.astype(np.float32), room)
 
 
-def to_segments(
-    segments: Segments,
-    which: NDArray[np.bool_],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    limit: float,
-) -> NDArray[np.float64]:
+def to_segments(segments: Segments, which: Bools, x: Floats, y: Floats, limit: float) -> Floats:
     """Return the distance of points (x, y) to the chosen segments, at most `limit`, metres."""
     if not which.any():
         return np.full(len(x), limit)

@@ -33,7 +33,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.gaussian import invert
 from ambinav.ambiguity.returns import BEYOND
@@ -51,11 +50,10 @@ from ambinav.localization.casting import (
     work_space,
 )
 from ambinav.localization.information import beam_noise, gradient, sensor_line
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 ITERATIONS = 6
 # The match is looked for within so many displacements of the estimated pose.
@@ -80,7 +78,7 @@ def perturbation(
     displacement: float | None = None,
     iterations: int = ITERATIONS,
     tau: float = 1.0,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the error of a known displacement that remains after scan matching.
 
     Args:
@@ -123,14 +121,10 @@ def perturbation(
     major, minor, direction = map(
         context.spread, principal_axes(*np.ascontiguousarray(tensor.transpose(1, 2, 0)))
     )
-    return {
-        "perturbation": major,
-        "perturbation_minor": minor,
-        "perturbation_direction": direction,
-    }
+    return {"perturbation": major, "perturbation_minor": minor, "perturbation_direction": direction}
 
 
-def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
+def free_lengths(context: LayerContext, size: float) -> Floats32:
     """Return the distance to a segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
     x, y, _ = context.poses().round(DECIMALS).T
     distance, _, _ = scan_plan(

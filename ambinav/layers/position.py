@@ -17,19 +17,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_number
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 
 VIEWS = 2.0
 """Number of independent scans in all views of a scanner that does not look all around."""
 
 
-def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.float64]:
+def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> Floats:
     """Compute the RMS distance to positions aliased with a pose's, over all headings.
 
     Args:
@@ -64,7 +64,7 @@ def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.floa
     return np.asarray(np.sqrt((xx + yy) / (xx * yy - xy**2)))
 
 
-def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[np.float32]]:
+def position(context: LayerContext, views: float = VIEWS) -> dict[str, Floats32]:
     """Compute each free cell's position radius, and its share of a featureless disc's.
 
     Args:
@@ -79,10 +79,7 @@ def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[n
     metres = position_radius(context.amap, views)
     # The second moments of a disc of radius R are R^2 / 4 along either axis.
     share = np.minimum(metres / (context.radius / math.sqrt(2.0)), 1.0)
-    return {
-        "position": share.astype(np.float32),
-        "position_radius": metres.astype(np.float32),
-    }
+    return {"position": share.astype(np.float32), "position_radius": metres.astype(np.float32)}
 
 
 def _reach(context: LayerContext, **_: object) -> float:

@@ -17,6 +17,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 
 Box = tuple[float, float, float, float]
 
@@ -111,7 +112,7 @@ class Changed:
         }
 
 
-def _slices(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
+def _slices(box: Box, x: Floats, y: Floats) -> tuple[slice, slice]:
     """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.config import nearest
 from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
 from ambinav.plugins import Registry
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -62,7 +60,7 @@ class Layer(LayerRecord):
             part of a map (`AmbiguityMap.open(bounds=)`) cannot have it.
     """
 
-    compute: Callable[..., Mapping[str, NDArray[np.float32]]]
+    compute: Callable[..., Mapping[str, Floats32]]
     why_not: Callable[[RangeScanner], str | None] = any_scanner
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     high_is_good: tuple[str, ...] = ()
@@ -148,9 +146,7 @@ def check_known(name: str) -> None:
 
 
 def chosen_layers(
-    names: str | Iterable[str],
-    scanner: RangeScanner | None,
-    environment: Environment | None = None,
+    names: str | Iterable[str], scanner: RangeScanner | None, environment: Environment | None = None
 ) -> tuple[Layer, ...]:
     """Return the layers of these names, each once.
 

@@ -14,24 +14,15 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_cdt
 
 from ambinav.casting.prisms.faces import Pieces
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
-from ambinav.layers.occupancy import (
-    HALF_DIAGONAL,
-    LEFT,
-    PEAK,
-    REACH,
-    hazard_at,
-    to_segments,
-)
+from ambinav.layers.occupancy import HALF_DIAGONAL, LEFT, PEAK, REACH, hazard_at, to_segments
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints32
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 # Surfaces at heights that differ by less are at one, metres.
 SAME_HEIGHT = 1e-6
@@ -53,8 +44,8 @@ class Voxels(NamedTuple):
     y0: float
     cell: float
     z: Floats
-    hazard: NDArray[np.float32]
-    room: NDArray[np.int32]
+    hazard: Floats32
+    room: Ints32
 
 
 def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) -> Floats:
@@ -152,13 +143,13 @@ class _Plan:
         """Return the distance to the nearest frontier, at most `reach`, shape (cells,)."""
         return self._to_walls(self._prisms.walls.kind == FRONTIER, z, reach)
 
-    def within_solid(self, z: float) -> NDArray[np.bool_]:
+    def within_solid(self, z: float) -> Bools:
         """Return the mask of cells that are solid or unknown at this height, shape (cells,)."""
         if not self._prisms.floor <= z <= self._prisms.ceiling:
             return np.ones(len(self._x), dtype=np.bool_)
         return self._beside | self._over((self._z[:, 0] < z) & (z < self._z[:, 1]))
 
-    def _to_walls(self, which: NDArray[np.bool_], z: float, reach: float) -> Floats:
+    def _to_walls(self, which: Bools, z: float, reach: float) -> Floats:
         height, walls = self._prisms.wall_z, self._prisms.walls
         off = np.maximum(np.maximum(height[:, 0] - z, z - height[:, 1]), 0.0)
         distance = np.full(len(self._x), reach)
@@ -169,7 +160,7 @@ class _Plan:
             distance = np.minimum(distance, flat)
         return distance
 
-    def _over(self, solids: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _over(self, solids: Bools) -> Bools:
         """Return the cells whose centre lies in the outline of one of the solids."""
         mask = np.zeros(self._shape, dtype=np.bool_)
         if solids.any():
@@ -184,7 +175,7 @@ def _heights(prisms: Prisms) -> Floats:
     return np.unique(np.round(z[np.isfinite(z)] / SAME_HEIGHT)) * SAME_HEIGHT
 
 
-def _groups(off: Floats, reach: float) -> Iterable[tuple[float, NDArray[np.bool_]]]:
+def _groups(off: Floats, reach: float) -> Iterable[tuple[float, Bools]]:
     """Group surfaces by their vertical distance, up to `reach`."""
     for value in np.unique(np.round(off[off < reach] / SAME_HEIGHT)).tolist():
         yield value * SAME_HEIGHT, np.abs(off / SAME_HEIGHT - value) <= 0.5

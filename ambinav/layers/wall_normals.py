@@ -19,25 +19,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from ambinav.config import as_number
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Metres of wall.
 TINY = 1e-9
 
 
-def wall_normals(
-    context: LayerContext, *, reach: float | None = None
-) -> dict[str, NDArray[np.float32]]:
+def wall_normals(context: LayerContext, *, reach: float | None = None) -> dict[str, Floats32]:
     """Compute the eigenvalues of the summed normals of walls within range of each free cell.
 
     Args:

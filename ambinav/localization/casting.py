@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.fan import STACK, cast_fan, counter_clockwise
 from ambinav.casting.plane.triangulation import locate
@@ -20,6 +19,7 @@ from ambinav.casting.prisms.rays import PrismRays, cast_prism_rays, silence_obli
 from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
 from ambinav.localization.prism_tables import prism_rays, prisms_of
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
@@ -66,40 +66,38 @@ class CastTables(NamedTuple):
         grid_x: See `Triangulation.index`, as is all that follows.
     """
 
-    origin: NDArray[np.float64]
-    first: NDArray[np.int64]
-    cosine: NDArray[np.float64]
-    sine: NDArray[np.float64]
-    beam: NDArray[np.int64]
-    limit: NDArray[np.float64]
-    incidence: NDArray[np.float64]
-    start: NDArray[np.float64]
-    reach: NDArray[np.float64]
-    plain: NDArray[np.bool_]
-    anchor: NDArray[np.bool_]
-    inner: NDArray[np.bool_]
-    border: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    up: NDArray[np.float64]
-    tilt: NDArray[np.float64]
-    twin: NDArray[np.int32]
-    node: NDArray[np.float64]
-    hops: NDArray[np.int32]
-    corner: NDArray[np.float64]
+    origin: Floats
+    first: Ints
+    cosine: Floats
+    sine: Floats
+    beam: Ints
+    limit: Floats
+    incidence: Floats
+    start: Floats
+    reach: Floats
+    plain: Bools
+    anchor: Bools
+    inner: Bools
+    border: Floats
+    normal: Floats
+    up: Floats
+    tilt: Floats
+    twin: Ints32
+    node: Floats
+    hops: Ints32
+    corner: Floats
     space: PrismRays | None
     grid_x: float
     grid_y: float
     cell: float
     rows: int
     columns: int
-    grid_start: NDArray[np.int32]
-    item: NDArray[np.int32]
-    triangle: NDArray[np.float64]
+    grid_start: Ints32
+    item: Ints32
+    triangle: Floats
 
 
-def cast_tables(
-    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
-) -> CastTables:
+def cast_tables(environment: Environment, scanner: RangeScanner, beams: Ints) -> CastTables:
     """Build tables of the environment and these beams, which are renumbered from 0.
 
     Raises:
@@ -111,8 +109,8 @@ def cast_tables(
 
 
 def tables_of(
-    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
-) -> tuple[CastTables, NDArray[np.intp]]:
+    environment: Environment, scanner: RangeScanner, beams: Ints
+) -> tuple[CastTables, Indices]:
     """Build tables as `cast_tables` does, and return the scanner's ray of each of their rays.
 
     In those of a mesh no kernel can cast: see `mesh_rays`.
@@ -172,9 +170,7 @@ def tables_of(
     return tables, order
 
 
-def _fans(
-    rays: RayTable, chosen: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.intp]]:
+def _fans(rays: RayTable, chosen: Indices) -> tuple[Floats, Ints, Indices]:
     """Return each ray group's origin, its start in the order of all rays, and that order."""
     origin, group = np.unique(rays.origin[chosen], axis=0, return_inverse=True)
     parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
@@ -182,7 +178,7 @@ def _fans(
     return origin, np.cumsum([0, *map(len, parts)]), np.concatenate([chosen[:0], *order])
 
 
-def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
+def anchors(angles: Floats) -> Bools:
     """Mark rays, in the order of `counter_clockwise`, with gaps between them below `APART`.
 
     But for gaps that neighbours have anyhow.
@@ -197,7 +193,7 @@ def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
     return chosen
 
 
-def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+def edge_normals(lines: Floats) -> Floats:
     """Return unit normals n left of lines a (K, 4), start to end, and n . a, (K, 3)."""
     ex, ey = lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1]
     length = np.sqrt(ex * ex + ey * ey)

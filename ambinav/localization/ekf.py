@@ -10,17 +10,11 @@ one step of the filter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_count, as_number
 from ambinav.geometry.environment import Environment
-from ambinav.localization.ekf_update import (
-    posterior,
-    refine,
-    scratch_for,
-    tabulate,
-    update_pose,
-)
+from ambinav.localization.ekf_update import posterior, refine, scratch_for, tabulate, update_pose
 from ambinav.localization.information import (
     BeamNoise,
     as_covariances,
@@ -32,19 +26,13 @@ from ambinav.localization.information import (
 )
 from ambinav.localization.intensity import beside_ranges
 from ambinav.localization.mesh_rays import MeshRays
-from ambinav.localization.odometry import (
-    OdometryModel,
-    apply_motion,
-    motion_between,
-    spread_motion,
-)
+from ambinav.localization.odometry import OdometryModel, apply_motion, motion_between, spread_motion
 from ambinav.localization.tag_bearings import tag_model, take_in_tags
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Steps of the iterated update.
 ROUNDS = 4
@@ -112,7 +100,7 @@ class ExtendedKalmanFilter:
 
     def update(
         self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
-    ) -> NDArray[np.int64]:
+    ) -> Ints:
         """Move to an odometry pose and use the scan made there.
 
         Args:
@@ -153,7 +141,7 @@ class ExtendedKalmanFilter:
         self._odometry = now.copy()
         return used
 
-    def _update_in_mesh(self, cast: MeshRays, readings: Floats, used: NDArray[np.int64]) -> None:
+    def _update_in_mesh(self, cast: MeshRays, readings: Floats, used: Ints) -> None:
         """Use scans in a mesh, whose rays are cast between the steps of the iterated update."""
         about, spread = self._mean.copy(), self._covariance.copy()
         for _ in range(ROUNDS):

@@ -6,7 +6,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import PARALLEL
 from ambinav.localization.casting import (
@@ -19,10 +18,8 @@ from ambinav.localization.casting import (
 )
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
-
 
 # Rows of `Scratch.beam`: what is read, what is expected, its derivatives by x, y and theta, its
 # variance and one over that; normal of the wall, and where that is along it; direction and place
@@ -53,9 +50,9 @@ class Scratch(NamedTuple):
     """
 
     ranges: Floats
-    ray: NDArray[np.int32]
-    edge: NDArray[np.int32]
-    picked: NDArray[np.int32]
+    ray: Ints32
+    edge: Ints32
+    picked: Ints32
     beam: Floats
     noise: Floats
     information: Floats

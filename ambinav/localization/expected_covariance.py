@@ -13,17 +13,16 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import as_covariances, as_poses, scan_information
 from ambinav.localization.online import USUAL_PRIOR, posteriors
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 SOURCES = ("ambiguity", "fisher")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
@@ -16,10 +15,10 @@ from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.range_table import RangeTable, empty_range_table, range_table
 from ambinav.localization.resampling import CODES
+from ambinav.runtime.array_types import Floats, Floats32, Ints, Ints32, UInts
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
-Floats = NDArray[np.float64]
 FIELD_SUM, FIELD_PRODUCT, BEAM_SUM, BEAM_PRODUCT = range(4)
 
 
@@ -80,11 +79,11 @@ class FilterModel(NamedTuple):
     reset: bool
     method: int
     mean_of_all: bool
-    beam: NDArray[np.int64]
+    beam: Ints
     mount: Floats
     near: Floats
     far: Floats
-    hits: NDArray[np.float32]
+    hits: Floats32
     field_x: float
     field_y: float
     inverse: float
@@ -122,19 +121,19 @@ class FilterState(NamedTuple):
 
     particles: Floats
     spare: Floats
-    number: NDArray[np.int64]
-    random: NDArray[np.uint64]
+    number: Ints
+    random: UInts
     anchor: Floats
     base: Floats
     base_covariance: Floats
     mean: Floats
     covariance: Floats
     averages: Floats
-    ticks: NDArray[np.int64]
-    keys: NDArray[np.int64]
-    entry: NDArray[np.int32]
-    label: NDArray[np.int32]
-    stack: NDArray[np.int32]
+    ticks: Ints
+    keys: Ints
+    entry: Ints32
+    label: Ints32
+    stack: Ints32
     sums: Floats
 
 
@@ -245,7 +244,7 @@ def filter_bytes(parameters: MclParameters) -> int:
     return 96 * most + 12 * table_size(most)
 
 
-def filter_state(parameters: MclParameters, runs: int, random: NDArray[np.uint64]) -> FilterState:
+def filter_state(parameters: MclParameters, runs: int, random: UInts) -> FilterState:
     """Make the state of filters that are not started yet."""
     most, size = parameters.max_particles, table_size(parameters.max_particles)
     return FilterState(

@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import as_number
@@ -31,12 +31,11 @@ from ambinav.localization.casting import (
 )
 from ambinav.localization.mesh_rays import MeshRays, mesh_rays
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Entries of the tables of bias and deviation over the range.
 TABLE = 512
@@ -69,9 +68,9 @@ class BeamNoise(NamedTuple):
     far: Floats
     bias: Floats
     variance: Floats
-    frontier: NDArray[np.bool_]
-    row: NDArray[np.int64]
-    steady: NDArray[np.bool_]
+    frontier: Bools
+    row: Ints
+    steady: Bools
 
 
 def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) -> BeamNoise:
@@ -94,17 +93,14 @@ def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) 
     )
 
 
-def steady_rows(bias: Floats, variance: Floats) -> NDArray[np.bool_]:
+def steady_rows(bias: Floats, variance: Floats) -> Bools:
     """Return which rows of tables (rows, TABLE) are constant, shape (rows,)."""
-    flat: NDArray[np.bool_] = (np.ptp(bias, axis=1) == 0.0) & (np.ptp(variance, axis=1) == 0.0)
+    flat: Bools = (np.ptp(bias, axis=1) == 0.0) & (np.ptp(variance, axis=1) == 0.0)
     return flat
 
 
 def scan_information(
-    environment: Environment,
-    scanner: RangeScanner,
-    poses: ArrayLike,
-    map_std: float | None = None,
+    environment: Environment, scanner: RangeScanner, poses: ArrayLike, map_std: float | None = None
 ) -> Floats:
     """Compute the Fisher information that one scan gives about its pose.
 
@@ -346,7 +342,7 @@ def informations(
 
 
 def ray_caster(
-    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
+    environment: Environment, scanner: RangeScanner, beams: Ints
 ) -> CastTables | MeshRays:
     """Return what casts the rays of some beams, which are renumbered from 0, in any building.
 

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
@@ -29,10 +29,9 @@ from ambinav.localization.expected_covariance import place_and_scanner, walls_st
 from ambinav.localization.information import as_covariances, as_poses
 from ambinav.localization.odometry import OdometryModel
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 UNITS = {"bits": math.log(2.0), "nats": 1.0}
 

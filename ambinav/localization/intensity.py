@@ -33,6 +33,7 @@ from ambinav.localization.filter_state import BEAM_SUM, FilterModel
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
@@ -54,13 +55,13 @@ class IntensityModel(NamedTuple):
         reflects: Whether each border edge is one, shape (K,); see `prism_tables.edge_kinds`.
     """
 
-    wall: NDArray[np.float64]
-    reflector: NDArray[np.float64]
-    per_square: NDArray[np.float64]
-    nearest: NDArray[np.float64]
-    walls: NDArray[np.float32]
-    reflectors: NDArray[np.float32]
-    reflects: NDArray[np.bool_]
+    wall: Floats
+    reflector: Floats
+    per_square: Floats
+    nearest: Floats
+    walls: Floats32
+    reflectors: Floats32
+    reflects: Bools
 
 
 def intensity_model(

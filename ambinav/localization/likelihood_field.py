@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.maps.lattice_values import bilinear
+from ambinav.runtime.array_types import Bools, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -42,7 +42,7 @@ class LikelihoodField:
         max_distance: Metres.
     """
 
-    distance: NDArray[np.float32]
+    distance: Floats32
     origin: tuple[float, float]
     resolution: float
     max_distance: float
@@ -55,7 +55,7 @@ class LikelihoodField:
         max_distance: float = 2.0,
         *,
         frontiers: bool = False,
-        only: NDArray[np.bool_] | None = None,
+        only: Bools | None = None,
     ) -> LikelihoodField:
         """Compute the field of an environment.
 
@@ -94,7 +94,7 @@ class LikelihoodField:
         run_rows(_distances, rows, np.ascontiguousarray(xy), *origin, step, reach, distance)
         return cls(distance, origin, step, reach)
 
-    def hits(self, sigma: float) -> NDArray[np.float32]:
+    def hits(self, sigma: float) -> Floats32:
         """Return exp(-d^2 / (2 sigma^2)) of the distances d, (rows, columns); `sigma` in metres."""
         values = np.square(self.distance)
         values *= np.float32(-0.5 / sigma**2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_count
 from ambinav.geometry.environment import Environment
@@ -27,12 +27,11 @@ from ambinav.localization.mcl_update import start_run, start_run_globally, updat
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import states
 from ambinav.localization.scanner_settings import unsuited
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Minimum number of runs per thread. An update takes half a millisecond, and waking a thread
 # on a busy machine several.
@@ -109,7 +108,7 @@ class MonteCarloLocalizer:
 
     def update(
         self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
-    ) -> NDArray[np.bool_]:
+    ) -> Bools:
         """Update with each robot's odometry pose, and the scan made there.
 
         Args:
@@ -156,7 +155,7 @@ class MonteCarloLocalizer:
         return self.state.covariance.copy()
 
     @property
-    def counts(self) -> NDArray[np.int64]:
+    def counts(self) -> Ints:
         """Number of particles of each run, shape (R,)."""
         return self.state.number.copy()
 

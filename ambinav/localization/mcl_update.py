@@ -30,11 +30,7 @@ import numpy as np
 
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
-from ambinav.localization.filter_state import (
-    BEAM_PRODUCT,
-    BEAM_SUM,
-    FIELD_PRODUCT,
-)
+from ambinav.localization.filter_state import BEAM_PRODUCT, BEAM_SUM, FIELD_PRODUCT
 from ambinav.localization.intensity import surface_fits
 from ambinav.localization.likelihood_field import field_factors
 from ambinav.localization.localizability_filter import localizability_filtered

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import CastTables, tables_of
+from ambinav.runtime.array_types import Floats, Floats32, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +28,11 @@ class MeshRays:
 
     mesh: Mesh
     rays: SpaceRays
-    incidence: NDArray[np.float32]
+    incidence: Floats32
     reach: float
     tables: CastTables
 
-    def cast(self, poses: Floats) -> tuple[Floats, NDArray[np.int32]]:
+    def cast(self, poses: Floats) -> tuple[Floats, Ints32]:
         """Cast all rays at poses, shape (N, 3).
 
         Returns:
@@ -51,9 +49,7 @@ class MeshRays:
         return distance.astype(np.float64), face
 
 
-def mesh_rays(
-    environment: Environment, mesh: Mesh, scanner: RangeScanner, beams: NDArray[np.int64]
-) -> MeshRays:
+def mesh_rays(environment: Environment, mesh: Mesh, scanner: RangeScanner, beams: Ints) -> MeshRays:
     """Arrange the rays of some beams in a mesh.
 
     Raises:

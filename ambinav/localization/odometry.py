@@ -24,13 +24,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import NonNegative, check_fields
 from ambinav.localization.random import normals
+from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 # Below this distance in metres a motion counts as turning on the spot.
 ON_THE_SPOT = 0.01
@@ -80,7 +79,7 @@ class OdometryModel:
         return now
 
     def sampled(
-        self, poses: ArrayLike, before: ArrayLike, after: ArrayLike, state: NDArray[np.uint64]
+        self, poses: ArrayLike, before: ArrayLike, after: ArrayLike, state: UInts
     ) -> Floats:
         """Move poses as `moved` does, each with its own errors, sampled with `state` (one row)."""
         now, *odometry = _broadcast(poses, before, after)

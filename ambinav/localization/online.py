@@ -29,24 +29,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.dynamic_objects import weighted_informations
-from ambinav.localization.information import (
-    as_covariances,
-    as_map_std,
-    as_poses,
-    beam_noise,
-)
+from ambinav.localization.information import as_covariances, as_map_std, as_poses, beam_noise
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 # Default prior covariance of a pose: AMCL's initial covariance.
 USUAL_PRIOR = (0.25, 0.25, (math.pi / 12.0) ** 2)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.prisms.rays import PrismRays
 from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Bytes, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 
 
-def edge_kinds(environment: Environment) -> NDArray[np.uint8]:
+def edge_kinds(environment: Environment) -> Bytes:
     """Return the kind of each border edge of a plan, or of each surface in space, (K,)."""
     if environment.space is None:
         return environment.segments.kind[environment.border_segment]
@@ -38,7 +38,7 @@ def prisms_of(environment: Environment) -> Prisms | None:
     )
 
 
-def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: NDArray[np.intp]) -> PrismRays:
+def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: Indices) -> PrismRays:
     """Return chosen rays of a scanner on a robot that drives on a floor at this z."""
     origin = np.column_stack([rays.origin[chosen], rays.height[chosen] + floor])
     chosen_rays = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])

@@ -11,8 +11,8 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.kernels import kernel
 
 _SEVENTEEN, _NINETEEN, _TWENTY_THREE = np.uint64(17), np.uint64(19), np.uint64(23)
@@ -25,7 +25,7 @@ _LAYERS, _TAIL, _AREA = 256, 3.6541528853610088, 0.00492867323397466
 _LAYER, _EIGHT, _ONE = np.uint64(_LAYERS - 1), np.uint64(8), np.uint64(1)
 
 
-def _ziggurat() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _ziggurat() -> tuple[Floats, Floats]:
     """Return the layers' right ends, bottom up, and the curve's height there; (L + 1,) each."""
     x = np.empty(_LAYERS + 1)
     x[0], x[1], x[_LAYERS] = _AREA * math.exp(0.5 * _TAIL * _TAIL), _TAIL, 0.0
@@ -37,7 +37,7 @@ def _ziggurat() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 _RIGHT, _HEIGHT = _ziggurat()
 
 
-def states(rng: np.random.Generator, runs: int) -> NDArray[np.uint64]:
+def states(rng: np.random.Generator, runs: int) -> UInts:
     """Return the first states of `runs` generators, uint64, shape (runs, 4).
 
     The first rows are the same whatever `runs` is.
@@ -48,7 +48,7 @@ def states(rng: np.random.Generator, runs: int) -> NDArray[np.uint64]:
     return drawn
 
 
-def states_of_each(rngs: Iterable[np.random.Generator], runs: int) -> NDArray[np.uint64]:
+def states_of_each(rngs: Iterable[np.random.Generator], runs: int) -> UInts:
     """Return states from each of N generators, shape (N, runs, 4), not those of `states`.
 
     A fifth of the time where `runs` is small.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.casting import cast_reflectors
@@ -48,14 +49,14 @@ class RangeTable(NamedTuple):
             reads intensities, or there is no reflector.
     """
 
-    ranges: NDArray[np.float32]
-    cells: NDArray[np.int32]
+    ranges: Floats32
+    cells: Ints32
     x: float
     y: float
     inverse: float
-    sensor: NDArray[np.int64]
-    mount: NDArray[np.float64]
-    reflects: NDArray[np.bool_]
+    sensor: Ints
+    mount: Floats
+    reflects: Bools
 
 
 def empty_range_table() -> RangeTable:
@@ -71,7 +72,7 @@ _latest: WeakKeyDictionary[Environment, tuple[tuple[object, ...], RangeTable]] =
 
 
 def range_table(
-    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
+    environment: Environment, scanner: RangeScanner, beams: Ints, resolution: float
 ) -> RangeTable:
     """Return the table of chosen beams; the latest one of an environment is cached.
 
@@ -93,7 +94,7 @@ def range_table(
 
 
 def _cast(
-    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
+    environment: Environment, scanner: RangeScanner, beams: Ints, resolution: float
 ) -> RangeTable:
     lattice = Lattice.over(environment, resolution)
     in_space = environment.space is not None

@@ -13,11 +13,11 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.localization.information import sensor_line
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.tag_bearings import bright_readings
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
@@ -49,14 +49,14 @@ class ReflectorBeams(NamedTuple):
         step: Angle between two beams, radians, shape (H,).
     """
 
-    beam: NDArray[np.int64]
-    yaw: NDArray[np.float64]
-    bright: NDArray[np.float64]
-    near: NDArray[np.float64]
-    far: NDArray[np.float64]
-    first: NDArray[np.int64]
-    head: NDArray[np.float64]
-    step: NDArray[np.float64]
+    beam: Ints
+    yaw: Floats
+    bright: Floats
+    near: Floats
+    far: Floats
+    first: Ints
+    head: Floats
+    step: Floats
 
 
 def reflector_beams(scanner: RangeScanner) -> ReflectorBeams:

@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.localization.information import BeamNoise
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.reflector_detection import ReflectorBeams
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.kernels import kernel
 
 ACROSS: Final = 8
@@ -45,8 +43,8 @@ class ReflectorMap(NamedTuple):
         noise: See `information.BeamNoise`; without the map's deviation.
     """
 
-    edges: NDArray[np.float64]
-    first: NDArray[np.int64]
+    edges: Floats
+    first: Ints
     place: float
     gate: float
     beams: ReflectorBeams

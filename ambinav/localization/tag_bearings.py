@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
@@ -44,13 +45,13 @@ class TagModel(NamedTuple):
         place: Variance of a reflector's place, square metres.
     """
 
-    point: NDArray[np.float64]
-    first: NDArray[np.int64]
-    beam: NDArray[np.int64]
-    mount: NDArray[np.float64]
-    bright: NDArray[np.float64]
-    near: NDArray[np.float64]
-    far: NDArray[np.float64]
+    point: Floats
+    first: Ints
+    beam: Ints
+    mount: Floats
+    bright: Floats
+    near: Floats
+    far: Floats
     turn: float
     place: float
 
@@ -85,7 +86,7 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
 
 def bright_readings(
     scanner: RangeScanner, beams: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats, Floats]:
     """Return from which intensity, and in which ranges, beams with the channel are surely bright.
 
     Args:

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.logs.carmen_lines import Damage, Lines, Triple, read_lines
-from ambinav.logs.frames import Floats, between, compose, inverse
+from ambinav.logs.frames import between, compose, inverse
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.mounting import Mount
 
@@ -131,7 +132,7 @@ def _sentence(path: Path, first: Damage, count: int) -> str:
     return f"{path}: {many} left out; line {first.line}: {first.kind}: {first.reason}."
 
 
-def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[NDArray[np.float32], float]:
+def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[Floats32, float]:
     """Return readings, shape (S, B), and the maximum range."""
     values = np.array([scan.ranges for scan in lines.scans])
     stated_range = lines.scans[0].shape.max_range

@@ -11,7 +11,7 @@ from ambinav.config import read_text
 from ambinav.drive.drives import Drives
 from ambinav.drive.world import DRIVING
 from ambinav.logs.export_drive import RecordedDrive
-from ambinav.logs.frames import Floats
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 AXES: Final = ("x", "y", "theta")

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import read_text
-from ambinav.logs.frames import Floats, compose
+from ambinav.logs.frames import compose
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 
@@ -161,7 +162,7 @@ def save_table(path: str | Path, columns: Mapping[str, NDArray[np.generic]]) -> 
     _write(Path(path), [",".join(columns), *map(",".join, zip(*words, strict=True))])
 
 
-def _words(ranges: NDArray[np.float32], no_return: str) -> NDArray[np.str_]:
+def _words(ranges: Floats32, no_return: str) -> NDArray[np.str_]:
     """Format each range as the shortest text that reads back as the same float32, (S, B)."""
     words = np.where(np.isneginf(ranges), np.float32(0.0), ranges).astype(str).astype(object)
     words[np.isposinf(ranges)] = no_return

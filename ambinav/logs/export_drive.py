@@ -14,6 +14,7 @@ from ambinav.drive.drives import Drives
 from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.logs.export import pose_columns, save_carmen, save_table, save_tum
 from ambinav.logs.log import SAME_PLACE, Log
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -32,12 +33,12 @@ class RecordedDrive(NamedTuple):
     scanner: RangeScanner | None
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Seconds, shape (N,)."""
         return self.drives.time[: int(self.drives.samples[self.run])]
 
     @property
-    def tracks(self) -> dict[str, NDArray[np.float64]]:
+    def tracks(self) -> dict[str, Floats]:
         """Poses x, y, theta, shape (N, 3): truth, estimate, and odometry in its own frame."""
         n = len(self.time)
         drives = self.drives
@@ -127,10 +128,7 @@ def _write_table(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
 DRIVE_FORMATS: Final = ("carmen", "tum", "csv")
 """Our own formats of drives."""
 CARMEN: Final = Exporter(
-    subject="drive",
-    format="carmen",
-    title="a CARMEN log of ROBOTLASER1 lines",
-    write=_write_carmen,
+    subject="drive", format="carmen", title="a CARMEN log of ROBOTLASER1 lines", write=_write_carmen
 )
 TUM: Final = Exporter(
     subject="drive", format="tum", title="trajectories as `evo` reads them", write=_write_tum

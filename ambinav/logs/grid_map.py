@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.buildings.boundary import MIN_AREA, environment_from_grid
 from ambinav.buildings.map_server import COARSEST, FINEST, FURTHEST, MAX_CELLS
@@ -15,6 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.logs.log import Log
 from ambinav.logs.ray_counts import count_rays
+from ambinav.runtime.array_types import Ints32
 from ambinav.runtime.errors import InputError
 
 RESOLUTION: Final = 0.05
@@ -34,8 +34,8 @@ class RayCounts:
         origin: x, y of the outer corner of cell (0, 0) in the map frame, metres.
     """
 
-    hits: NDArray[np.int32]
-    passes: NDArray[np.int32]
+    hits: Ints32
+    passes: Ints32
     resolution: float
     origin: tuple[float, float]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import Floats, compose, wrapped
+from ambinav.logs.frames import compose, wrapped
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import CENTRE, Mount
 from ambinav.sensing.scanner import RangeScanner
@@ -50,7 +50,7 @@ class Log:
     name: str
     angles: Floats
     max_range: float
-    ranges: NDArray[np.float32]
+    ranges: Floats32
     time: Floats
     odometry: Floats
     poses: Floats | None = None
@@ -156,7 +156,7 @@ class Log:
         first = np.arange(self.scans) % nth == 0
         return self.chosen(first), self.chosen(~first if nth > 1 else first)
 
-    def chosen(self, scans: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Log:
+    def chosen(self, scans: Bools | Indices | slice) -> Log:
         """Return the log of the scans that a mask, indices or a slice chooses."""
         return replace(
             self,

@@ -12,8 +12,9 @@ from scipy.optimize import minimize
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.likelihood_field import LikelihoodField
-from ambinav.logs.frames import Floats, compose
+from ambinav.logs.frames import compose
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 # Readings beyond this show less of the frame than of the heading's error in each pose.

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.logs.frames import Floats, wrapped
+from ambinav.logs.frames import wrapped
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -28,7 +28,7 @@ class Localizer(Protocol):
         """
         ...
 
-    def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def update(self, odometry: Floats, ranges: Floats32) -> Bools:
         """Take odometry poses (R, 3) and scans (R, B); return which runs were updated, (R,)."""
         ...
 
@@ -67,7 +67,7 @@ class Replay:
 
     log: Log
     estimates: Floats
-    updated: NDArray[np.bool_]
+    updated: Bools
     seconds: float
 
     @property
@@ -90,7 +90,7 @@ class Replay:
         return wrapped(self.estimates[..., 2] - self.log.required_poses()[:, 2])
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Bools:
         """Mask of scans where the robot is lost, shape (R, S).
 
         It is off by 0.5 m or 30 degrees in two consecutive scans.

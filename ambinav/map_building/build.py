@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.dataset import LatticeSums, assemble, labels
@@ -29,6 +28,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.arrays import line_of_floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
@@ -65,11 +65,11 @@ class MapSettings:
     thinned: RangeScanner
     model: AmbiguityModel
     spacing: float
-    theta: NDArray[np.float64] | None
+    theta: Floats | None
     layers: tuple[str, ...]
 
     @property
-    def headings(self) -> NDArray[np.float64]:
+    def headings(self) -> Floats:
         """Headings, radians; [0] if one represents all."""
         return np.zeros(1) if self.theta is None else self.theta
 
@@ -279,10 +279,10 @@ def tiled(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[Tile]:
 
 def _compute(
     lattice: Lattice,
-    possible: NDArray[np.bool_],
+    possible: Bools,
     scanner: RangeScanner,
     model: AmbiguityModel,
-    theta: NDArray[np.float64] | None,
+    theta: Floats | None,
     report: Callable[[float], None],
 ) -> LatticeSums:
     table = BeamTable.of(
@@ -296,7 +296,7 @@ def _compute(
     sums = np.empty((len(x), len(angles), 7))
     # In most cases the robot can stand at all headings or at none.
     apart = len(angles) if (possible != possible[:, :1]).any() else 1
-    links: NDArray[np.uint8] = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
+    links: Bytes = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
     turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None
     beams = turns(scanner) if turning is not None else None
     width = len(table.limit)

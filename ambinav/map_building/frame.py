@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -26,7 +28,7 @@ class Frame:
     rows: int
 
     @classmethod
-    def of(cls, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float) -> Frame:
+    def of(cls, x: Floats, y: Floats, spacing: float) -> Frame:
         """Return the frame of a lattice."""
         return cls(
             round(float(x[0]) / spacing - 0.5), round(float(y[0]) / spacing - 0.5), len(x), len(y)
@@ -39,7 +41,7 @@ class Frame:
         top = max(self.row + self.rows, other.row + other.rows)
         return Frame(column, row, right - column, top - row)
 
-    def axes(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def axes(self, spacing: float) -> tuple[Floats, Floats]:
         """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
         x = (np.arange(self.column, self.column + self.columns) + 0.5) * spacing
         y = (np.arange(self.row, self.row + self.rows) + 0.5) * spacing

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.changes import Changes, changed_faces, comparable
 from ambinav.ambiguity.returns import BEYOND, panorama_returns
@@ -16,9 +15,7 @@ from ambinav.casting.added import AddedWalls
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats
 
 # One in so many poses tells how large the share is that sees a change. Where it is larger than this
 # the others are not asked; the second is of meshes, where each is cast twice.
@@ -59,7 +56,7 @@ class SeenChanges:
         """Distance from the robot within which a change is seen, metres."""
         return float((np.hypot(self.rays.x, self.rays.y) + self.rays.reach).max())
 
-    def by(self, x: Floats, y: Floats) -> Mask:
+    def by(self, x: Floats, y: Floats) -> Bools:
         """Return which poses within reach, shape (N,), may see a change; in doubt they do."""
         old, new = self.old, self.new
         asked, most = self._in_plane, MOST_SEEING
@@ -82,7 +79,7 @@ class SeenChanges:
         limit = table.limit[: table.beams].astype(np.float64) + BEYOND
         return np.repeat(limit, np.diff(rays.start))
 
-    def _in_plane(self, x: Floats, y: Floats) -> Mask:
+    def _in_plane(self, x: Floats, y: Floats) -> Bools:
         """Return at which poses a ray meets a new wall, or met one that is gone."""
         seen = sees(self.old.grid, self.changes.removed, x, y, self.rays)
         return seen | sees(self.new.grid, self.changes.added, x, y, self.rays)
@@ -95,7 +92,7 @@ class SeenChanges:
             return []
         return changed_faces(old, new, GRAZE)
 
-    def _in_prisms(self, x: Floats, y: Floats) -> Mask:
+    def _in_prisms(self, x: Floats, y: Floats) -> Bools:
         rays, headings = self.context.scanner.rays(in_space=True), self.context.headings
         seen = np.zeros(len(x), dtype=np.bool_)
         for env, faces in zip((self.old, self.new), self._faces, strict=True):
@@ -103,7 +100,7 @@ class SeenChanges:
             seen |= sees_in_space(env.space, env.floor, faces, x, y, headings, rays, self._reach)
         return seen
 
-    def _by_scans(self, x: Floats, y: Floats) -> Mask:
+    def _by_scans(self, x: Floats, y: Floats) -> Bools:
         """Return at which poses a beam returns something else than before."""
         scanner, table, headings = self.context.scanner, self.context.table, self.context.headings
         step = max(SCANNED // (len(headings) * len(table.limit)), 1)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.dataset import LatticeSums
 from ambinav.ambiguity.heading import turning_moments, turns
@@ -16,10 +15,9 @@ from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
 from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import tiled
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.arrays import line_of_floats
 from ambinav.sensing.scanner import RangeScanner
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +35,18 @@ class ChosenPoses:
     scanner: RangeScanner
     table: BeamTable
     model: AmbiguityModel
-    headings: NDArray[np.float64]
+    headings: Floats
     turning: bool
 
     def sums(
-        self, lattice: Lattice, possible: Mask, chosen: Mask, report: Callable[[float], None]
+        self, lattice: Lattice, possible: Bools, chosen: Bools, report: Callable[[float], None]
     ) -> LatticeSums:
         """Compute the chosen poses, with the same results as `build_map`, bit for bit.
 
         Args:
             lattice: N free points: the chosen ones and all within the radius of these.
             possible: Whether the robot can stand there, shape (N, H).
-            chosen: Mask of the M points that are wanted, shape (N,).
+            chosen: Bools of the M points that are wanted, shape (N,).
             report: Called with the share done.
 
         Returns:
@@ -80,11 +78,7 @@ class ChosenPoses:
         return results
 
     def _fill(
-        self,
-        part: Neighbourhoods,
-        data: NDArray[np.float32],
-        results: LatticeSums,
-        where: slice,
+        self, part: Neighbourhoods, data: Floats32, results: LatticeSums, where: slice
     ) -> None:
         scanner, table, headings = self.scanner, self.table, self.headings
         x, y = part.lattice.points

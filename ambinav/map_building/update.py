@@ -44,10 +44,9 @@ from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.part import is_part
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-
-Mask = NDArray[np.bool_]
 
 # Points of the lattice within so many spacings of a wall may be parted by it from a neighbour.
 PARTED = 1.5
@@ -148,7 +147,7 @@ class _Update:
         return SeenChanges(self.amap.environment, self.env, self.changes, self.context)
 
     @property
-    def theta(self) -> NDArray[np.float64] | None:
+    def theta(self) -> Floats | None:
         """Headings, radians; None for a map without headings."""
         return self.context.headings if self.context.has_theta else None
 
@@ -156,13 +155,13 @@ class _Update:
         """Compute what changed, and copy the rest."""
         was = self.frame.taken(self.amap.possible, self.before, False)
         possible = self.possible(was)
-        free: Mask = np.any(possible, axis=2)
+        free: Bools = np.any(possible, axis=2)
         if not free.any():
             raise InputError(
                 f"{self.env.name}: at no point of the lattice the robot fits; give it more room."
             )
         stale = self.stale(was, possible)
-        affected: Mask = self.dilated(stale) & free
+        affected: Bools = self.dilated(stale) & free
         patch = self.computed(possible, affected, report)
         variables = self.merged(patch, self.inner(free), self.inner(affected))
         x, y = self.after.axes(self.spacing)
@@ -192,7 +191,7 @@ class _Update:
         report(1.0)
         return amap
 
-    def solid(self, free: Mask) -> Mask | None:
+    def solid(self, free: Bools) -> Bools | None:
         """Return solid cells of a building whose occupied cells are no longer known; else None.
 
         A map keeps the walls that were fitted to an occupancy grid, and which cells are solid, but
@@ -204,7 +203,7 @@ class _Update:
             return None
         was = self.after.taken(self.amap.dataset["free"].values.astype(bool), self.before, False)
         solid = self.after.taken(self.amap.solid, self.before, False)
-        mask: Mask = (solid & ~(free & ~was)) | (was & ~free)
+        mask: Bools = (solid & ~(free & ~was)) | (was & ~free)
         return mask
 
     def inner(self, values: NDArray[Any]) -> NDArray[Any]:
@@ -220,7 +219,7 @@ class _Update:
         boxes = changes.boxes(judge.radius + SLACK) if len(changes.edges) else []
         return judge.changed(self.env, boxes)
 
-    def possible(self, was: Mask) -> Mask:
+    def possible(self, was: Bools) -> Bools:
         """Return where the robot can stand now, over the frame and the headings.
 
         `was` is where it could stand before.
@@ -254,9 +253,9 @@ class _Update:
         (left, low), (right, high) = ends.min(axis=0) - margin, ends.max(axis=0) + margin
         return [(float(left), float(low), float(right), float(high))]
 
-    def stale(self, was: Mask, possible: Mask) -> Mask:
+    def stale(self, was: Bools, possible: Bools) -> Bools:
         """Return the frame's cells where a scan, a link or the possibility to stand changed."""
-        stale: Mask = (was != possible).any(axis=2)
+        stale: Bools = (was != possible).any(axis=2)
         changes, (x, y) = self.changes, self.frame.axes(self.spacing)
         if not len(changes.edges):
             return stale
@@ -281,7 +280,7 @@ class _Update:
         around = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
         return self.env.window(around, footprints=self.context.model.robot_radius > 0.0)
 
-    def dilated(self, cells: Mask) -> Mask:
+    def dilated(self, cells: Bools) -> Bools:
         """Return the cells within the neighbourhood's radius of the given cells."""
         near = np.zeros_like(cells)
         row, column = np.nonzero(cells)
@@ -298,7 +297,7 @@ class _Update:
         return near
 
     def computed(
-        self, possible: Mask, affected: Mask, report: Callable[[float], None]
+        self, possible: Bools, affected: Bools, report: Callable[[float], None]
     ) -> dict[str, NDArray[Any]]:
         """Compute layers at the M affected cells, row by row, (M, ...); none if there are none."""
         if not affected.any():
@@ -325,7 +324,7 @@ class _Update:
         return {name: array.values[chosen] for name, array in layers.items()}
 
     def merged(
-        self, patch: dict[str, NDArray[Any]], free: Mask, affected: Mask
+        self, patch: dict[str, NDArray[Any]], free: Bools, affected: Bools
     ) -> dict[str, xr.DataArray]:
         """Merge the map's layers, on the new lattice, with those of the patch where it has them."""
         old = self.amap.dataset
@@ -356,7 +355,7 @@ class _Update:
         variables["clearance"] = self.clearance(free)
         return variables
 
-    def clearance(self, free: Mask) -> xr.DataArray:
+    def clearance(self, free: Bools) -> xr.DataArray:
         """Return the layer, recomputed where a change is at most as far as the nearest wall was."""
         old = self.amap.dataset.variables["clearance"]
         values = self.after.taken(old.values, self.before, np.nan)
@@ -384,7 +383,7 @@ def _empty(name: str) -> float:
     return NOT_FREE if schema.base_name(name) == "zone" else np.nan
 
 
-def _cells(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
+def _cells(box: Box, x: Floats, y: Floats) -> tuple[slice, slice]:
     """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

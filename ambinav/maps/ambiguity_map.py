@@ -25,10 +25,9 @@ from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.kept_environment import kept_environment
 from ambinav.maps.prepared_layer import PreparedLayer
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-
-Floats = NDArray[np.float64]
 
 
 class AmbiguityMap:
@@ -233,14 +232,14 @@ class AmbiguityMap:
         return judge.floor(self._free, unknown, x, y, self.cell_area)
 
     @property
-    def unexplored(self) -> NDArray[np.bool_]:
+    def unexplored(self) -> Bools:
         """Mask, shape (ny, nx): free, but half of the beams or more end in unknown space."""
         if "unknown" not in self.dataset:
             return np.zeros_like(self._free)
         return np.asarray(self.dataset["unknown"].values >= UNEXPLORED)  # NaN is not
 
     @property
-    def unmapped(self) -> NDArray[np.bool_]:
+    def unmapped(self) -> Bools:
         """Mask, shape (ny, nx): unexplored, reached or not, or outside of the building.
 
         This floor is not judged, not even for a robot that drives there.
@@ -253,7 +252,7 @@ class AmbiguityMap:
         return self._step[0] * self._step[1]
 
     @property
-    def possible(self) -> NDArray[np.bool_]:
+    def possible(self) -> Bools:
         """Mask, shape (ny, nx, headings): where a robot can be at a heading.
 
         One heading represents all if the map has none.
@@ -275,7 +274,7 @@ class AmbiguityMap:
         return float(self._free.sum()) * self.cell_area
 
     @property
-    def solid(self) -> NDArray[np.bool_]:
+    def solid(self) -> Bools:
         """Mask, shape (ny, nx): the cell contains something solid, even if its centre is free.
 
         Empty in maps of older versions.
@@ -375,7 +374,7 @@ class AmbiguityMap:
         return xr.DataArray(values, coords, ("y", "x"), layer, self.dataset[layer].attrs)
 
     def zone_shares(
-        self, heading: str | float = "mean", mask: NDArray[np.bool_] | None = None
+        self, heading: str | float = "mean", mask: Bools | None = None
     ) -> tuple[ZoneShare, ...]:
         """Return share and area of every zone of the free floor, in the order of ZONES.
 

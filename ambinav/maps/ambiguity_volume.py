@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.reach import ROBOT_RADIUS
 from ambinav.maps import schema, store
 from ambinav.maps.address import Address
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 DIMS: Final = ("z", "y", "x")
@@ -124,7 +124,7 @@ class AmbiguityVolume:
         return float(json.loads(self.dataset.attrs["parameters"]).get("robot_radius", ROBOT_RADIUS))
 
     @property
-    def surfaces(self) -> NDArray[np.float64]:
+    def surfaces(self) -> Floats:
         """Surfaces of the building as triangles, shape (T, 3, 3), metres, map frame.
 
         Raises:

@@ -16,20 +16,13 @@ import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.geometry.collision.reach import (
-    Box,
-    FitsNowhereError,
-    Reach,
-    frontier_lines,
-    reach_of,
-)
+from ambinav.geometry.collision.reach import Box, FitsNowhereError, Reach, frontier_lines, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
-
-Mask = NDArray[np.bool_]
 
 LAYER: Final = "judged"
 REASONS: Final = (
@@ -58,7 +51,7 @@ class JudgedFloor:
             chooses.
     """
 
-    code: NDArray[np.uint8]
+    code: Bytes
     cell_area: float
     radius: float
     start: tuple[float, float] | None = None
@@ -87,44 +80,44 @@ class JudgedFloor:
         return xr.Variable(("y", "x"), self.code, attrs)
 
     @property
-    def counted(self) -> Mask:
-        """Mask: explored, in the building, and reachable by the robot's centre."""
+    def counted(self) -> Bools:
+        """Bools: explored, in the building, and reachable by the robot's centre."""
         return self._of(JUDGED)
 
     @property
-    def unexplored(self) -> Mask:
-        """Mask: reached, but half of the beams or more end in unknown space within the map."""
+    def unexplored(self) -> Bools:
+        """Bools: reached, but half of the beams or more end in unknown space within the map."""
         return self._of(UNEXPLORED_FLOOR)
 
     @property
-    def beside_walls(self) -> Mask:
-        """Mask: nearer to a wall than the robot's radius, where its centre cannot be."""
+    def beside_walls(self) -> Bools:
+        """Bools: nearer to a wall than the robot's radius, where its centre cannot be."""
         return self._of(TOO_CLOSE)
 
     @property
-    def cut_off(self) -> Mask:
-        """Mask: in the building; the robot would fit there, but cannot reach it."""
+    def cut_off(self) -> Bools:
+        """Bools: in the building; the robot would fit there, but cannot reach it."""
         return self._of(NOT_REACHABLE)
 
     @property
-    def outside(self) -> Mask:
-        """Mask: the margin around a building, and floor unexplored because the map ends there."""
+    def outside(self) -> Bools:
+        """Bools: the margin around a building, and floor unexplored because the map ends there."""
         return self._of(OUTSIDE)
 
     @property
-    def reachable(self) -> Mask:
-        """Mask of the cells that a robot's centre can reach, explored or not."""
+    def reachable(self) -> Bools:
+        """Bools of the cells that a robot's centre can reach, explored or not."""
         return self.counted | self.unexplored
 
     @property
-    def unreachable(self) -> Mask:
-        """Mask: free floor of the building that the robot's centre cannot reach."""
+    def unreachable(self) -> Bools:
+        """Bools: free floor of the building that the robot's centre cannot reach."""
         return self.beside_walls | self.cut_off
 
-    def _of(self, code: int) -> Mask:
+    def _of(self, code: int) -> Bools:
         return np.asarray(self.code == code, dtype=np.bool_)
 
-    def area(self, part: Mask) -> float:
+    def area(self, part: Bools) -> float:
         """Return the area of some cells, square metres."""
         return float(part.sum()) * self.cell_area
 
@@ -155,7 +148,7 @@ class FloorJudge:
     reach: Reach | None
     radius: float
     frontiers: NDArray[np.object_]
-    on_rim: Mask
+    on_rim: Bools
 
     @classmethod
     def of(cls, environment: Environment, reach: Reach) -> FloorJudge:
@@ -200,10 +193,10 @@ class FloorJudge:
 
     def floor(
         self,
-        free: Mask,
+        free: Bools,
         unknown: NDArray[np.floating[Any]] | None,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
         cell_area: float,
     ) -> JudgedFloor:
         """Judge the floor of a lattice; arguments as for `codes`."""
@@ -211,12 +204,8 @@ class FloorJudge:
         return JudgedFloor(self.codes(free, unknown, x, y), cell_area, self.radius, start)
 
     def codes(
-        self,
-        free: Mask,
-        unknown: NDArray[np.floating[Any]] | None,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-    ) -> NDArray[np.uint8]:
+        self, free: Bools, unknown: NDArray[np.floating[Any]] | None, x: Floats, y: Floats
+    ) -> Bytes:
         """Return the code of each cell of a lattice, or of some of its rows.
 
         Args:
@@ -241,7 +230,7 @@ class FloorJudge:
             code[row, column] = np.where(at_rim, OUTSIDE, UNEXPLORED_FLOOR)
         return code
 
-    def _at_rim(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
+    def _at_rim(self, x: Floats, y: Floats) -> Bools:
         """Return whether the nearest unknown space lies beyond the rim of the map."""
         if not self.on_rim.any():
             return np.zeros(len(x), dtype=np.bool_)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import shapely
 import xarray as xr
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.packed import unpacked
 from ambinav.casting.space import Scans, SpaceCaster, SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.array_types import Bytes, Floats
 from ambinav.runtime.errors import InputError
 
 
@@ -119,20 +118,20 @@ class _LostSpace:
         )
 
     @property
-    def surface_normal(self) -> NDArray[np.float64]:
+    def surface_normal(self) -> Floats:
         """Unknown normals; raises `InputError`."""
         raise self._lost()
 
     @property
-    def surface_kind(self) -> NDArray[np.uint8]:
+    def surface_kind(self) -> Bytes:
         """Unknown kinds; raises `InputError`."""
         raise self._lost()
 
     def cast_scans(
         self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
+        theta: Floats,
         rays: SpaceRays,
         max_range: float,
         *,

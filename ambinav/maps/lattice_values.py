@@ -11,11 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 
 @kernel(inline="always")
@@ -34,8 +32,8 @@ def bilinear(here, right, above, across, a, b):
 
 @kernel
 def linear(
-    values: NDArray[np.float32],
-    possible: NDArray[np.bool_],
+    values: Floats32,
+    possible: Bools,
     origin: tuple[float, float, float],
     step: tuple[float, float, float],
     x: Floats,
@@ -101,7 +99,7 @@ def linear(
 
 @kernel
 def nearest(
-    values: NDArray[np.float32],
+    values: Floats32,
     origin: tuple[float, float, float],
     step: tuple[float, float, float],
     x: Floats,

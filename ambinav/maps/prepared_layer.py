@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ambinav.maps import lattice_values, schema
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +23,11 @@ class PreparedLayer:
     """
 
     name: str
-    parts: tuple[NDArray[np.float32], ...]
-    stands: NDArray[np.bool_]
+    parts: tuple[Floats32, ...]
+    stands: Bools
 
     @classmethod
-    def of(
-        cls, data: xr.DataArray, free: NDArray[np.bool_], possible: NDArray[np.bool_]
-    ) -> PreparedLayer:
+    def of(cls, data: xr.DataArray, free: Bools, possible: Bools) -> PreparedLayer:
         """Prepare a layer over (y, x) or (y, x, theta).
 
         Args:
@@ -46,7 +42,7 @@ class PreparedLayer:
         stands = possible if values.shape[2] > 1 else free[:, :, np.newaxis]
         if name != "free":
             values[~(free[:, :, np.newaxis] & stands)] = np.nan
-        parts: tuple[NDArray[np.float32], ...] = (np.ascontiguousarray(values),)
+        parts: tuple[Floats32, ...] = (np.ascontiguousarray(values),)
         if schema.is_axis(name):
             parts = (np.cos(2.0 * values), np.sin(2.0 * values))
         return cls(name, parts, stands)

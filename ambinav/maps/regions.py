@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from ambinav.runtime.array_types import Bools, Bytes, Ints32
+
 Labels = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 Floats = NDArray[np.floating[Any]]
 Cells = NDArray[np.intp]
 
@@ -24,7 +25,7 @@ _ALIGNED = math.radians(20.0)
 """Pieces of corridor are one corridor if their weak directions differ by less."""
 
 
-def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
+def passable(free: Bools, clearance: Floats, spacing: float) -> Bools:
     """Find free cells between which no wall can pass.
 
     A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
@@ -36,10 +37,10 @@ def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
 
 
 def find_regions(
-    zone: NDArray[np.uint8],
+    zone: Bytes,
     codes: tuple[int, ...],
     direction: Floats,
-    passable: Mask,
+    passable: Bools,
     *,
     gap: int,
     least: int,
@@ -104,7 +105,7 @@ def _neighbour_pairs(cells: Cells, shape: tuple[int, int]) -> Iterator[tuple[Cel
         yield chosen, chosen + offset
 
 
-def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
+def _spread(labels: Labels, mask: Bools, steps: int) -> Labels:
     """Grow all labels in place by `steps` cells within `mask`; the larger label wins a tie."""
     rows, columns = labels.shape
     flat, within = labels.reshape(-1), mask.reshape(-1)
@@ -120,7 +121,7 @@ def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
     return labels
 
 
-def _touching(labels: Labels) -> NDArray[np.int32]:
+def _touching(labels: Labels) -> Ints32:
     """Return pairs (a, b), a < b, of labels that are adjacent, shape (n, 2)."""
     rows, columns = labels.shape
     flat, pairs = labels.reshape(-1), []
@@ -162,7 +163,7 @@ def _join_small(labels: Labels, reach: Labels, least: int) -> None:
     _rename(labels, target)
 
 
-def _rename(labels: Labels, names: NDArray[np.int32]) -> None:
+def _rename(labels: Labels, names: Ints32) -> None:
     """Replace each label by its entry in `names`, in place; label 0 is kept."""
     flat, cells = labels.reshape(-1), _labelled_cells(labels)
     flat[cells] = names[flat[cells]]

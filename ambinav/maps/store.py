@@ -164,10 +164,7 @@ def attributes_there(address: Address) -> dict[str, Any] | None:
 
 
 def read(
-    address: Address,
-    *,
-    bounds: tuple[float, float, float, float] | None = None,
-    lazy: bool = False,
+    address: Address, *, bounds: tuple[float, float, float, float] | None = None, lazy: bool = False
 ) -> xr.Dataset:
     """Read a dataset into memory.
 

@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.floor import Bounds, FloorFigure, Pixels, label_points, rgba_bytes
+from ambinav.runtime.array_types import Bools, Floats
 
 DARK, PALE = 0.6, 0.25
 """Share of the colour in a place, and in what it is aliased with."""
@@ -38,11 +38,11 @@ class AliasedPair(Protocol):
         """A point of each region, x and y, metres."""
 
     @property
-    def cells(self) -> NDArray[np.float64]:
+    def cells(self) -> Floats:
         """The region's poses, x and y, shape (M, 2), metres."""
 
     @property
-    def images(self) -> NDArray[np.float64]:
+    def images(self) -> Floats:
         """Poses of the other region with the same scans, shape (M, 2), metres."""
 
 
@@ -128,7 +128,7 @@ def _blend(colour: str, strength: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
+def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> Floats:
     """Return the points of the first pair's region that represent it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its
@@ -145,8 +145,8 @@ def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> NDAr
 def _paint(
     picture: Pixels,
     amap: AmbiguityMap,
-    counted: NDArray[np.bool_],
-    points: NDArray[np.float64],
+    counted: Bools,
+    points: Floats,
     spacing: float,
     colour: tuple[float, float, float],
 ) -> None:

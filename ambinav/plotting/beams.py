@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from numpy.typing import NDArray
 
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
+from ambinav.runtime.array_types import Floats
 
 LEFT_OUT: Final = "#C9C9C9"
 """Beams that are left out."""
@@ -29,9 +29,7 @@ Curve = tuple[Sequence[int], Sequence[float]]
 """Numbers of beams, and points lost with them."""
 
 
-def plot_kept_beams(
-    mounts: NDArray[np.float64], reach: NDArray[np.float64], kept: Sequence[int], title: str = ""
-) -> Figure:
+def plot_kept_beams(mounts: Floats, reach: Floats, kept: Sequence[int], title: str = "") -> Figure:
     """Draw the beams around the robot, which looks up: those that are kept, and the others.
 
     Args:

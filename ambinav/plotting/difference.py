@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
@@ -32,6 +31,7 @@ from ambinav.plotting.floor import (
     view,
 )
 from ambinav.plotting.maps import paint_zones
+from ambinav.runtime.array_types import Bools, Floats
 
 LEAST_SCALE: Final = 0.1
 """Smallest change in level at the ends of the scale: noise stays pale."""
@@ -63,11 +63,11 @@ class ChangeLayer:
     """
 
     bounds: Bounds
-    rise: NDArray[np.float64]
-    new_floor: NDArray[np.bool_]
-    gone_floor: NDArray[np.bool_]
-    new_walls: NDArray[np.float64]
-    gone_walls: NDArray[np.float64]
+    rise: Floats
+    new_floor: Bools
+    gone_floor: Bools
+    new_walls: Floats
+    gone_walls: Floats
     labels: Sequence[tuple[float, float, str]] = ()
 
 

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
 
 from ambinav.drive.metrics import LOST_POSITION
 from ambinav.geometry.environment import Environment
@@ -30,8 +29,7 @@ from ambinav.plotting.floor import FloorFigure, label_points, rgba_bytes, view
 from ambinav.plotting.routes import route_line, route_styles
 from ambinav.routes.files import trace_route
 from ambinav.routes.route import Route
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats
 
 SCALE: Final = (0.05, 2.0)
 """Errors from the lightest to the darkest colour, metres."""
@@ -86,10 +84,7 @@ class DrivenRoute:
 
 
 def plot_spread(
-    amap: AmbiguityMap,
-    driven: Sequence[DrivenRoute],
-    title: str,
-    world: Environment | None = None,
+    amap: AmbiguityMap, driven: Sequence[DrivenRoute], title: str, world: Environment | None = None
 ) -> Figure:
     """Draw a floor for each route of a pair, coloured by the 95th percentile of the error.
 

@@ -32,6 +32,7 @@ from ambinav.plotting.canvas import fit, new_figure, root_figure
 from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
+from ambinav.runtime.array_types import Bools, Floats
 
 Bounds = tuple[float, float, float, float]
 Pixels = NDArray[np.uint8]
@@ -160,8 +161,7 @@ class FloorFigure:
         """Return legend entries for the shown parts that are not free."""
         x, y = self.amap.dataset["x"].values, self.amap.dataset["y"].values
         shown = np.ix_(
-            (y > self.bounds[1]) & (y < self.bounds[3]),
-            (x > self.bounds[0]) & (x < self.bounds[2]),
+            (y > self.bounds[1]) & (y < self.bounds[3]), (x > self.bounds[0]) & (x < self.bounds[2])
         )
         solid, free = self.amap.solid[shown], np.asarray(self.amap.dataset["free"].values)[shown]
         patches: list[Artist] = []
@@ -183,7 +183,7 @@ class FloorFigure:
         look: dict[str, Any] = {"linewidth": 2.2, "path_effects": rim}
         return [*entries, Line2D([], [], color=style.REFLECTOR, label="reflector", **look)]
 
-    def _shown_segments(self) -> NDArray[np.bool_]:
+    def _shown_segments(self) -> Bools:
         """Return a mask, shape (N,), of the segments visible within the bounds."""
         left, low, right, high = self.bounds
         x, y = np.split(self.amap.segments.xy.reshape(-1, 2, 2), 2, axis=-1)
@@ -250,7 +250,7 @@ class FloorFigure:
         bar.set_label(label, fontsize=self._font)
         bar.outline.set_linewidth(0.5)
 
-    def stretches(self, ends: NDArray[np.float64], **look: Any) -> None:
+    def stretches(self, ends: Floats, **look: Any) -> None:
         """Draw straight lines over the walls, given by their end points, shape (N, 4)."""
         self._lines(ends.reshape(-1, 2, 2), zorder=_STROKES, **look)
 
@@ -339,7 +339,7 @@ class FloorFigure:
         for colour, times in ((style.WALL, 4.5), (style.REFLECTOR, 2.5)):
             self._lines(bright, zorder=_WALLS, colors=colour, linewidths=times * width)
 
-    def _lines(self, lines: NDArray[np.float64], **look: Any) -> None:
+    def _lines(self, lines: Floats, **look: Any) -> None:
         self.axes.add_collection(LineCollection(list(lines), **look), autolim=False)
 
     def _scale_bar(self, width: float) -> None:

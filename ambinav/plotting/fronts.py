@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure, root_figure
 from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot
+from ambinav.runtime.array_types import Floats
 
 LINE_COLOUR: Final = style.BLUE
 DOMINATED_COLOUR: Final = style.SOLID
@@ -171,7 +171,7 @@ def _label(axes: Axes, panel: FrontPanel) -> None:
         label.set_in_layout(False)
 
 
-def _steps(place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steps(place: Floats) -> Floats:
     """Return points along the step line through points (N, 2)."""
     corners = place[np.argsort(place[:, 0], kind="stable")]
     turns = np.column_stack([corners[1:, 0], corners[:-1, 1]])

@@ -7,10 +7,9 @@ from typing import Final
 
 import numpy as np
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats
 
 FONT: Final = 10
 """Points, of the letters."""

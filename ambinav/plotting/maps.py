@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -27,6 +26,7 @@ from ambinav.plotting.floor import (
 )
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 
 
@@ -132,13 +132,13 @@ def paint_zones(floor: FloorFigure, heading: Heading, parts: JudgedFloor) -> Non
     paint_zone_codes(floor, floor.amap.floor("zone", heading).values, parts)
 
 
-def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedFloor) -> None:
+def paint_zone_codes(floor: FloorFigure, zone: Bytes, parts: JudgedFloor) -> None:
     """Draw zones given as codes, shape (ny, nx), of a map on the same lattice."""
     paint_codes(floor, zone, style.ZONE_COLOURS, parts)
 
 
 def paint_codes(
-    floor: FloorFigure, code: NDArray[np.uint8], colours: Sequence[str], parts: JudgedFloor
+    floor: FloorFigure, code: Bytes, colours: Sequence[str], parts: JudgedFloor
 ) -> None:
     """Draw codes, shape (ny, nx), each in its colour; `NOT_FREE` is left out."""
     palette = np.array([*map(rgba_bytes, colours), np.zeros(4, dtype=np.uint8)])

@@ -11,16 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure, root_figure
 from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot, touching
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.pareto import ParetoFront
-from ambinav.routes.route import Floats
-
-Mask = NDArray[np.bool_]
+from ambinav.runtime.array_types import Bools, Floats
 
 LINE_COLOUR: Final = style.BLUE
 DOMINATED_COLOUR: Final = style.SOLID
@@ -109,7 +106,7 @@ def _frame(axes: Axes, label: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
+def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Bools) -> None:
     best = ~dominated
     order = np.flatnonzero(best)[np.argsort(extra[best], kind="stable")]
     axes.plot(
@@ -138,7 +135,7 @@ def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
     axes.set_xlim(-0.08 * wide, 1.15 * wide)
 
 
-def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Mask) -> None:
+def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Bools) -> None:
     """Draw the longest stretch of each route that is not dominated."""
     order = np.flatnonzero(~dominated)[np.argsort(extra[~dominated], kind="stable")]
     axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=5, **_LONGEST)
@@ -149,7 +146,7 @@ def _label(
     extra: Floats,
     values: Floats,
     longest: Floats | None,
-    best: Mask,
+    best: Bools,
     weights: list[str],
 ) -> None:
     """Draw weights beside their points without overlap; touching points share a label."""

@@ -14,20 +14,15 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
-from ambinav.plotting.floor import (
-    Bounds,
-    FloorFigure,
-    colour_patch,
-    unexplored_patch,
-)
+from ambinav.plotting.floor import Bounds, FloorFigure, colour_patch, unexplored_patch
 from ambinav.plotting.maps import paint_zone_codes
+from ambinav.runtime.array_types import Bytes, Floats, Ints
 
 LONGEST: Final = 9.0
 """Inches of the longer side of a picture, about."""
@@ -80,25 +75,20 @@ class PlacementView:
     outlines: Sequence[BaseGeometry]
     kinds: Sequence[str]
     shapes: Sequence[BaseGeometry] = ()
-    routes: Sequence[NDArray[np.float64]] = ()
+    routes: Sequence[Floats] = ()
     bounds: Bounds | None = None
     numbers: Sequence[int] | None = None
     improved: Sequence[tuple[float, float]] = ()
     names: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
-    def middles(self) -> NDArray[np.float64]:
+    def middles(self) -> Floats:
         """Centres of the obstacles, metres, shape (N, 2)."""
         return np.asarray(shapely.get_coordinates([outline.centroid for outline in self.outlines]))
 
 
 def plot_placement(
-    amap: AmbiguityMap,
-    zone: NDArray[np.uint8],
-    parts: JudgedFloor,
-    shown: PlacementView,
-    *,
-    placed: bool,
+    amap: AmbiguityMap, zone: Bytes, parts: JudgedFloor, shown: PlacementView, *, placed: bool
 ) -> Axes:
     """Draw the zones without or with the obstacles.
 
@@ -188,14 +178,12 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
         )  # fmt: skip
 
 
-def _on_paper(floor: FloorFigure, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_paper(floor: FloorFigure, points: Floats) -> Floats:
     """Convert points of the floor (N, 2) to points on paper, 72 an inch."""
     return np.asarray(floor.axes.transData.transform(points) * 72.0 / floor.axes.figure.dpi)
 
 
-def label_spots(
-    at: NDArray[np.float64], corners: NDArray[np.float64], lines: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def label_spots(at: Floats, corners: Floats, lines: Floats) -> Floats:
     """Place round labels so that they hide no obstacle, no label and, if possible, no line.
 
     Args:
@@ -223,15 +211,13 @@ def label_spots(
     return placed
 
 
-def _count_near(
-    spots: NDArray[np.float64], others: NDArray[np.float64], distance: float
-) -> NDArray[np.int64]:
+def _count_near(spots: Floats, others: Floats, distance: float) -> Ints:
     """Count the other points that are nearer than a distance to each spot."""
     apart = np.linalg.norm(spots[:, None] - others[None], axis=-1)
     return np.asarray((apart < distance).sum(axis=1))
 
 
-def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
+def _axis(outline: BaseGeometry, least: float) -> Floats:
     """Return the ends of a thin outline's centre line, at least `least` metres, shape (2, 2)."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline))[:4]
     sides = np.diff(corners[:3], axis=0)

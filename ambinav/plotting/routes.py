@@ -18,17 +18,13 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import (
-    FloorFigure,
-    Heading,
-    colour_patch,
-    label_points,
-)
+from ambinav.plotting.floor import FloorFigure, Heading, colour_patch, label_points
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 from ambinav.routes.files import trace_route
-from ambinav.routes.route import Floats, Route
+from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 LINE: Final = 40

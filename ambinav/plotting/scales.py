@@ -8,12 +8,10 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import LogNorm, Normalize, to_hex
-from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.plotting import style
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats
 
 WIDE: Final = 1e4
 """Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""

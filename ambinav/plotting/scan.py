@@ -14,15 +14,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path
-from numpy.typing import NDArray
 from shapely import Polygon as ShapelyPolygon
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.floor import Bounds, FloorFigure
+from ambinav.runtime.array_types import Bools, Floats
 
-Floats = NDArray[np.float64]
 Point = tuple[float, float]
 
 LONGEST: Final = 6.4
@@ -71,7 +70,7 @@ class Scan(Protocol):
         """(B, 2) metres; NaN without echo."""
 
     @property
-    def frontier(self) -> NDArray[np.bool_]:
+    def frontier(self) -> Bools:
         """(B,) True where the beam ends at unknown space, not at a wall."""
 
 
@@ -135,9 +134,7 @@ def _draw_free(axes: Axes, free: BaseGeometry, bounds: Bounds) -> None:
             axes.add_patch(PathPatch(outline, facecolor=style.FLOOR, linewidth=0, zorder=1.0))
 
 
-def _draw_beams(
-    axes: Axes, scan: Scan, returned: NDArray[np.bool_], unknown: NDArray[np.bool_]
-) -> None:
+def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None:
     few = scan.axis.size <= _MANY
     end = scan.origin + scan.max_range[:, None] * np.column_stack(
         [np.cos(scan.axis), np.sin(scan.axis)]
@@ -238,9 +235,7 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
 
 
 def _legend_entries(
-    returned: NDArray[np.bool_],
-    unknown: NDArray[np.bool_],
-    slide: tuple[float, float] | None,
+    returned: Bools, unknown: Bools, slide: tuple[float, float] | None
 ) -> list[Artist]:
     """Return the entries of the legend."""
     classes: list[tuple[str, int, str, dict[str, Any]]] = [

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import TOO_CLOSE, JudgedFloor
@@ -23,6 +22,7 @@ from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.floor import FloorFigure, colour_patch, unexplored_patch, view
 from ambinav.plotting.maps import paint_zone_codes
 from ambinav.plotting.rows import RowChart
+from ambinav.runtime.array_types import Bytes
 
 ERROR_COLOUR: Final = style.BLUE
 WORST_COLOUR: Final = style.VERMILLION
@@ -66,7 +66,7 @@ class ScannerFloor:
     """The floor of one scanner: a title, zone codes of shape (ny, nx), and which floor counts."""
 
     title: str
-    zone: NDArray[np.uint8]
+    zone: Bytes
     parts: JudgedFloor
 
 

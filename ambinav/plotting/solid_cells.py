@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools
 
 THICK: Final = 5
 """Cells across something solid from which it is a block, not a wall."""
@@ -16,7 +16,7 @@ THICK: Final = 5
 
 def padded_solid(
     amap: AmbiguityMap, padding: int, rows: tuple[int, int], columns: tuple[int, int]
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return a part of the mask of solid cells, padded by a margin on each side.
 
     Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats, Indices
 
 PRONOUNCED = 0.3
 """Least strength of a direction that gets a stroke."""
@@ -57,7 +56,7 @@ def weak_strokes(
     return np.stack([centre - step, centre + step], axis=1)
 
 
-def _first_of_block(x: Floats, y: Floats, side: float) -> NDArray[np.intp]:
+def _first_of_block(x: Floats, y: Floats, side: float) -> Indices:
     """Return indices of the first point in each square block, in rising order."""
     column = np.floor((x - x.min()) / side).astype(np.int64)
     row = np.floor((y - y.min()) / side).astype(np.int64)
@@ -65,7 +64,7 @@ def _first_of_block(x: Floats, y: Floats, side: float) -> NDArray[np.intp]:
     return np.sort(first)
 
 
-def _spaced(x: Floats, y: Floats, distance: float) -> NDArray[np.intp]:
+def _spaced(x: Floats, y: Floats, distance: float) -> Indices:
     """Return indices of points at least `distance` apart, chosen greedily in the given order."""
     taken: dict[tuple[int, int], list[int]] = {}
     chosen: list[int] = []

@@ -15,14 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
-from numpy.typing import NDArray
 
 from ambinav.geometry.segments import FRONTIER
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bytes, Floats
 
 _FONT: Final = 10
 _LEVELS: Final = (("mean", style.BLUE, "o"), ("p95", style.ORANGE, "s"), ("worst", "#000000", "^"))
@@ -177,13 +175,7 @@ _PRESENT: Final[dict[str, Any]] = {
 
 
 def plot_directions(
-    xy: Floats,
-    kind: NDArray[np.uint8],
-    x: Floats,
-    y: Floats,
-    angle: Floats,
-    gain: Floats,
-    title: str,
+    xy: Floats, kind: Bytes, x: Floats, y: Floats, angle: Floats, gain: Floats, title: str
 ) -> Figure:
     """Draw the best direction of the scanner at each place, and the gain of turning it.
 

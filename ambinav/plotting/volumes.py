@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.scales import layer_scale
+from ambinav.runtime.array_types import Floats
 from ambinav.service.volume_service import VolumeService
 
 _STEP = 0.02
@@ -21,7 +21,7 @@ _STEP = 0.02
 
 
 def plot_volume(
-    volume: AmbiguityVolume, layer: str | None = None, points: NDArray[np.float64] | None = None
+    volume: AmbiguityVolume, layer: str | None = None, points: Floats | None = None
 ) -> Figure:
     """Draw a layer at each height; with a route also its height over distance, and it in space.
 
@@ -102,7 +102,7 @@ def plot_volume(
     return figure
 
 
-def _sampled(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sampled(points: Floats) -> Floats:
     """Return distance, x, y, z of evenly spaced points along a route, shape (M, 4)."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.append(0.0, np.cumsum(steps))

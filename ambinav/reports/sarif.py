@@ -22,10 +22,7 @@ SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif
 
 
 def sarif(
-    outcomes: Sequence[Outcome],
-    command: str,
-    map_file: str | Path,
-    unchecked: Unchecked = (),
+    outcomes: Sequence[Outcome], command: str, map_file: str | Path, unchecked: Unchecked = ()
 ) -> dict[str, Any]:
     """Return the document as plain values.
 

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import Positive, check_fields
 from ambinav.geometry.motion.steering import Steering, checked_poses
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.runtime.errors import InputError
 
 SPACING: Final = 0.05
@@ -35,8 +36,6 @@ SAME = 1e-9
 # pieces before and after the bend; where by more it stops to turn, as the follower does (its
 # `rotate_to_heading_min_angle`).
 SHARP = np.pi / 4.0
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +84,7 @@ class SpeedProfile:
     distance: Floats
     stamps: Floats
     speeds: Floats
-    vertices: NDArray[np.intp]
+    vertices: Indices
 
     @property
     def duration(self) -> float:
@@ -232,7 +231,7 @@ def _turning(angle: Floats, limits: SpeedLimits) -> Floats:
     return np.where(reached, angle / rate + rate / gain, 2.0 * np.sqrt(angle / gain))
 
 
-def _reverses(points: Floats) -> NDArray[np.bool_]:
+def _reverses(points: Floats) -> Bools:
     """Return which inner points are cusps, where the path reverses, shape (M - 2,)."""
     steps = np.diff(points[:, :2], axis=0)
     return np.asarray((steps[:-1] * steps[1:]).sum(axis=1) < 0.0)

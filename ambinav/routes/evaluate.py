@@ -7,12 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
-from ambinav.routes.route import Floats, Route
+from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
@@ -163,7 +164,7 @@ def joints(routes: Sequence[Route]) -> list[int]:
     return list(itertools.accumulate(len(route.poses) - 1 for route in routes[:-1]))
 
 
-def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
+def zone_codes(amap: AmbiguityMap, poses: Floats) -> Bytes:
     """Return the zone's code at poses (N, 3), from the nearest possible one, uint8, (N,).
 
     `NOT_FREE` on floor of which the map says nothing (`AmbiguityMap.unmapped`). Other floor that
@@ -183,7 +184,7 @@ def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
     return codes.astype(np.uint8)
 
 
-def _cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[Indices, Indices]:
     """Return row and column of the nearest cells, shape (N,) each."""
     row, column = (
         np.clip(np.rint((value - axis[0]) / amap.spacing), 0, axis.size - 1).astype(np.intp)
@@ -207,7 +208,7 @@ def _levels(service: AmbiguityService, poses: Floats) -> Floats:
     return levels
 
 
-def _longest_run(chosen: NDArray[np.bool_], metres: Floats) -> float:
+def _longest_run(chosen: Bools, metres: Floats) -> float:
     """Return the length of the longest run of chosen pieces, metres."""
     if not chosen.any():
         return 0.0

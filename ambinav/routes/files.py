@@ -15,7 +15,8 @@ from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.routes import table
 from ambinav.routes.clock import SPACING, speed_profile
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
-from ambinav.routes.route import Floats, Route
+from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 

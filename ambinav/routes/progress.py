@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 # Points of curves, and of straight motions, are this near to each other, metres.
@@ -31,9 +31,7 @@ class Progress:
     motion: int
 
 
-def progress_along(
-    poses: NDArray[np.float64], steering: Steering, x: float, y: float, after: float
-) -> Progress:
+def progress_along(poses: Floats, steering: Steering, x: float, y: float, after: float) -> Progress:
     """Return where on a route of poses, (N, 3), a robot is; see `Route.progress`."""
     if not np.isfinite([x, y, after]).all():
         raise InputError(f"x, y, after are {x!r}, {y!r}, {after!r}; give finite metres.")

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.clock import SpeedLimits, speed_profile
 from ambinav.routes.progress import Progress, progress_along
+from ambinav.runtime.array_types import Bytes, Floats
 from ambinav.runtime.errors import InputError
-
-Floats = NDArray[np.float64]
 
 BAD_ZONES = (ZONES[CORRIDOR], ZONES[OPEN])
 """Names of the zones in which a robot gets lost."""
@@ -92,7 +91,7 @@ class Route:
     distance: Floats
     spent: Floats
     levels: Floats
-    zones: NDArray[np.uint8]
+    zones: Bytes
     seconds: float
     first_seconds: float | None
     iterations: int | None

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -32,10 +31,8 @@ from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import UNEXPLORED
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.runtime.errors import InputError, InputWarning
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PLANNER: Final = "shortest, sampled"
 """Who found these routes, as they say."""
@@ -231,7 +228,7 @@ def path_length(route: Route) -> float:
     return float(np.hypot(*np.diff(route.poses[:, :2], axis=0).T).sum())
 
 
-def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
+def explored(environment: Environment, x: Floats, y: Floats) -> Bools:
     """Return whether fewer than half of all directions end in unknown space, at N points, (N,)."""
     xmin, ymin, xmax, ymax = environment.bounds
     angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -243,7 +240,7 @@ def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
     return np.asarray((ends[segment] & (segment >= 0)).mean(axis=1) < UNEXPLORED)
 
 
-def _neighbours(lattice: Lattice) -> NDArray[np.intp]:
+def _neighbours(lattice: Lattice) -> Indices:
     """Return pairs of adjacent free points, diagonals included, each once, shape (P, 2)."""
     index, place = lattice.index, lattice.rows_columns
     rows, columns = index.shape

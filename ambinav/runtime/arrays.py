@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.kernels import kernel
 
 
@@ -32,7 +33,7 @@ CACHE_LINE: Final = 64
 """Bytes."""
 
 
-def line_of_floats(count: int) -> NDArray[np.float32]:
+def line_of_floats(count: int) -> Floats32:
     """Return so many float32 that begin with a cache line: vectors across two take longer."""
     extra = CACHE_LINE // 4
     numbers = np.empty(count + extra, dtype=np.float32)

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav.sensing.layout import Part
 from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.sensor import RangeSensor
@@ -36,16 +37,16 @@ class Beams:
         return tuple(dict.fromkeys(part.sensor for part in self.parts))
 
     @cached_property
-    def mounts(self) -> NDArray[np.float64]:
+    def mounts(self) -> Floats:
         """Position x, y (metres) and yaw (radians) of each beam in the robot frame, (B, 3)."""
         return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
 
     @cached_property
-    def upright(self) -> NDArray[np.float64]:
+    def upright(self) -> Floats:
         """Height z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
         return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
 
-    def axes(self, beams: NDArray[np.integer]) -> NDArray[np.float64]:
+    def axes(self, beams: NDArray[np.integer]) -> Floats:
         """Return beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
 
         Args:
@@ -69,7 +70,7 @@ class Beams:
         return max(part.layout.vertical_aperture for part in self.parts)
 
     @cached_property
-    def sensor_of_beam(self) -> NDArray[np.intp]:
+    def sensor_of_beam(self) -> Indices:
         """Index into `sensors` of each beam, shape (B,)."""
         counts = [len(part.layout.mounts()) for part in self.parts]
         index = [self.sensors.index(part.sensor) for part in self.parts]
@@ -86,7 +87,7 @@ class Beams:
         return max(sensor.max_range for sensor in self.sensors)
 
     @cached_property
-    def intensity_beams(self) -> NDArray[np.intp]:
+    def intensity_beams(self) -> Indices:
         """Indices of the beams whose sensor reads intensities, ascending, shape (K,)."""
         return _fixed(np.flatnonzero([self.sensors[i].intensity for i in self.sensor_of_beam]))
 
@@ -124,7 +125,7 @@ class Beams:
         return self._made_rays(in_space=True) if cones else self._rays
 
     def _made_rays(self, in_space: bool) -> RayTable:
-        def of_beam(values: Iterable[float]) -> NDArray[np.float64]:
+        def of_beam(values: Iterable[float]) -> Floats:
             return np.array(list(values))[self.sensor_of_beam]
 
         limits = (math.inf if s.max_incidence is None else s.max_incidence for s in self.sensors)

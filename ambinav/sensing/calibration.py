@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.curves import Curve, Polynomial, Table, as_curve, evaluate
 from ambinav.sensing.pairs import load_pairs
@@ -43,8 +44,8 @@ class CalibrationFit:
         source: Where the pairs come from.
     """
 
-    true_range: NDArray[np.float64]
-    reading: NDArray[np.float64]
+    true_range: Floats
+    reading: Floats
     bias: Curve
     std: Curve
     source: str
@@ -111,7 +112,7 @@ class CalibrationFit:
         return cls(d, reading, bias, _fit_std(d, residual, std_model, limits), source)
 
     @property
-    def residuals(self) -> NDArray[np.float64]:
+    def residuals(self) -> Floats:
         """Residuals: reading - true range - fitted bias in metres, shape (n,)."""
         return self.reading - self.true_range - evaluate(self.bias, self.true_range)
 
@@ -158,11 +159,11 @@ def _formula(curve: Curve) -> str:
     return (f"{curve:.4g}" if isinstance(curve, float) else str(curve)) + " m"
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _check_enough(values: NDArray[np.float64], source: str, degree: int) -> None:
+def _check_enough(values: Floats, source: str, degree: int) -> None:
     needed, distinct = degree + 4, len(np.unique(values[:, 0]))
     if len(values) < needed:
         raise InputError(
@@ -176,9 +177,7 @@ def _check_enough(values: NDArray[np.float64], source: str, degree: int) -> None
         )
 
 
-def _check_within(
-    d: NDArray[np.float64], places: list[str], limits: tuple[float, float], source: str
-) -> None:
+def _check_within(d: Floats, places: list[str], limits: tuple[float, float], source: str) -> None:
     outside = np.flatnonzero((d < limits[0]) | (d > limits[1]))
     if len(outside):
         i = int(outside[0])
@@ -195,13 +194,13 @@ def _check_within(
         )
 
 
-def _fit_polynomial(d: NDArray[np.float64], error: NDArray[np.float64], degree: int) -> Curve:
+def _fit_polynomial(d: Floats, error: Floats, degree: int) -> Curve:
     fitted = np.polynomial.Polynomial.fit(d, error, degree).convert().coef
     coefficients = [*fitted.tolist(), *[0.0] * (degree + 1 - len(fitted))]
     return as_curve(Polynomial(tuple(coefficients)), "bias")
 
 
-def _best_degree(d: NDArray[np.float64], error: NDArray[np.float64]) -> int:
+def _best_degree(d: Floats, error: Floats) -> int:
     """Return the degree with the least Bayesian information criterion."""
     n, highest = len(d), min(HIGHEST_CHOSEN_DEGREE, len(np.unique(d)) - 1, len(d) - 4)
     scores = []
@@ -212,12 +211,7 @@ def _best_degree(d: NDArray[np.float64], error: NDArray[np.float64]) -> int:
     return int(np.argmin(scores))
 
 
-def _fit_std(
-    d: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    model: StdModel,
-    limits: tuple[float, float],
-) -> Curve:
+def _fit_std(d: Floats, residual: Floats, model: StdModel, limits: tuple[float, float]) -> Curve:
     if model == "table" and np.ptp(d) > 0:
         groups = _groups(d, max(1, min(8, len(d) // 10)))
         at = tuple(float(d[rows].mean()) for rows in groups)
@@ -232,7 +226,7 @@ def _fit_std(
     return as_curve(Polynomial((low - slope * start, slope)), "std")
 
 
-def _non_negative(basis: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+def _non_negative(basis: Floats, target: Floats) -> tuple[float, float]:
     """Solve least squares for two non-negative weights, so that no deviation is negative."""
     first, second = np.linalg.lstsq(basis, target, rcond=None)[0].tolist()
     if first >= 0 and second >= 0:
@@ -241,7 +235,7 @@ def _non_negative(basis: NDArray[np.float64], target: NDArray[np.float64]) -> tu
     return (0.0, single[1]) if first < 0 else (single[0], 0.0)
 
 
-def _groups(d: NDArray[np.float64], most: int) -> list[NDArray[np.intp]]:
+def _groups(d: Floats, most: int) -> list[Indices]:
     """Split pairs into groups of similar size by true range; equal ranges stay together."""
     edges = np.unique(np.quantile(d, np.linspace(0.0, 1.0, most + 1)))
     group = np.searchsorted(edges[1:-1], d, side="right")

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_flat
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 
@@ -19,13 +20,8 @@ RAYS_AT_ONCE = 4_000_000
 
 
 def cast_beams(
-    env: Environment,
-    rays: RayTable,
-    max_range: float,
-    x: ArrayLike,
-    y: ArrayLike,
-    theta: ArrayLike,
-) -> NDArray[np.float32]:
+    env: Environment, rays: RayTable, max_range: float, x: ArrayLike, y: ArrayLike, theta: ArrayLike
+) -> Floats32:
     """Return the nearest echo of each beam at each pose.
 
     Args:
@@ -65,13 +61,8 @@ def cast_beams(
 
 
 def cast_reflectors(
-    env: Environment,
-    rays: RayTable,
-    max_range: float,
-    x: ArrayLike,
-    y: ArrayLike,
-    theta: ArrayLike,
-) -> NDArray[np.bool_]:
+    env: Environment, rays: RayTable, max_range: float, x: ArrayLike, y: ArrayLike, theta: ArrayLike
+) -> Bools:
     """Return whether a reflector stops the ray of each beam, its first ray where it has several.
 
     Args:
@@ -105,9 +96,7 @@ def cast_reflectors(
     return reflects.reshape(*shape, len(first))
 
 
-def _poses(
-    x: ArrayLike, y: ArrayLike, theta: ArrayLike
-) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+def _poses(x: ArrayLike, y: ArrayLike, theta: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     """Return the broadcast shape, and the three arguments flattened."""
     shape, flat = as_flat(x=x, y=y, theta=theta)
     for axis, values in zip(("x", "y", "theta"), flat, strict=True):

@@ -14,9 +14,10 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import ConfigModel, Numbers, as_number, as_numbers, checked
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 
@@ -35,7 +36,7 @@ class Polynomial:
         checked = as_numbers(self.coefficients, "polynomial")
         object.__setattr__(self, "coefficients", checked)
 
-    def __call__(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, true_range: ArrayLike) -> Floats:
         """Return the value in metres at each true range, same shape."""
         d = np.asarray(true_range, dtype=np.float64)
         value = np.full(d.shape, self.coefficients[-1])
@@ -79,7 +80,7 @@ class Table:
         object.__setattr__(self, "ranges", ranges)
         object.__setattr__(self, "values", values)
 
-    def __call__(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, true_range: ArrayLike) -> Floats:
         """Return the value in metres at each true range, same shape."""
         d = np.asarray(true_range, dtype=np.float64)
         return np.asarray(np.interp(d, self.ranges, self.values))
@@ -137,7 +138,7 @@ def to_plain(curve: Curve) -> object:
     return curve
 
 
-def evaluate(curve: Curve, true_range: ArrayLike) -> NDArray[np.float64]:
+def evaluate(curve: Curve, true_range: ArrayLike) -> Floats:
     """Return the curve's value in metres at each true range (finite, metres), same shape."""
     if isinstance(curve, float):
         return np.full(np.shape(true_range), curve)

@@ -15,9 +15,10 @@ import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import NonNegative, Positive, check_fields
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 
 
@@ -58,14 +59,12 @@ class Intensity:
         """Probability that a threshold midway between the means classifies a reading correctly."""
         return 0.5 * math.erfc((self.wall - self.reflector) / (math.sqrt(8.0) * self.std))
 
-    def read(self, reflects: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
+    def read(self, reflects: ArrayLike, rng: np.random.Generator) -> Floats32:
         """Simulate one reading of each surface, float32, of the shape of `reflects` (bool)."""
         bright = np.asarray(reflects, dtype=np.bool_)
         return self.reading(bright, rng.standard_normal(bright.shape))
 
-    def reading(
-        self, reflects: NDArray[np.bool_], noise: NDArray[np.float64]
-    ) -> NDArray[np.float32]:
+    def reading(self, reflects: Bools, noise: Floats) -> Floats32:
         """Return intensities as `read` does, from given normal samples of the same shape."""
         mean = np.where(reflects, self.reflector, self.wall)
         # No echo is weaker than none.

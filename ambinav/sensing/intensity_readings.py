@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ambinav.runtime.array_types import Floats32
 from ambinav.sensing.casting import cast_reflectors
 from ambinav.sensing.scanner import RangeScanner
 
@@ -20,9 +21,9 @@ def read_intensity(
     x: ArrayLike,
     y: ArrayLike,
     theta: ArrayLike,
-    readings: NDArray[np.float32],
+    readings: Floats32,
     rng: np.random.Generator,
-) -> NDArray[np.float32]:
+) -> Floats32:
     """Return a simulated intensity beside each reading.
 
     Args:

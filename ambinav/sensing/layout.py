@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_count, as_degrees, as_number
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.mounting import (
@@ -73,7 +73,7 @@ class Planar(AtPoint):
         """Vertical aperture, always 0, as a fan has a single layer."""
         return 0.0
 
-    def mounts(self) -> NDArray[np.float64]:
+    def mounts(self) -> Floats:
         """Return x, y, yaw of each beam, shape (beams, 3)."""
         if not self.level:
             return self._tilted()[0]
@@ -85,11 +85,11 @@ class Planar(AtPoint):
             angle = yaw + np.linspace(-half, half, self.beams)
         return np.column_stack([np.full(self.beams, x), np.full(self.beams, y), angle])
 
-    def upright(self) -> NDArray[np.float64]:
+    def upright(self) -> Floats:
         """Return z and elevation of each beam, shape (beams, 2), metres and radians."""
         return _at_height(self.beams, self.z) if self.level else self._tilted()[1]
 
-    def _tilted(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _tilted(self) -> tuple[Floats, Floats]:
         angle = fan_angles(self.beams, self.aperture)
         flat = np.zeros(self.beams)
         return directed(angle, flat, self.mount, self.z, self.pitch, self.roll)
@@ -152,7 +152,7 @@ class Ring:
         if self.radius < 0:
             raise InputError(f"radius is {self.radius}; give at least 0 metres.")
 
-    def mounts(self) -> NDArray[np.float64]:
+    def mounts(self) -> Floats:
         """Return x, y, yaw of each beam, shape (count, 3)."""
         angle = self.start + TURN * np.arange(self.count) / self.count
         return np.column_stack([self.radius * np.cos(angle), self.radius * np.sin(angle), angle])
@@ -162,7 +162,7 @@ class Ring:
         """Vertical aperture, always 0, as a ring is level."""
         return 0.0
 
-    def upright(self) -> NDArray[np.float64]:
+    def upright(self) -> Floats:
         """Return z and elevation of each beam, shape (count, 2), metres and radians."""
         return _at_height(self.count, self.z)
 
@@ -217,7 +217,7 @@ class Mounts:
         object.__setattr__(self, "raised", raised if set(raised) - {LEVEL} else ())
 
     @classmethod
-    def of(cls, mounts: NDArray[np.float64], upright: NDArray[np.float64]) -> Mounts:
+    def of(cls, mounts: Floats, upright: Floats) -> Mounts:
         """Collect the beams of other layouts: (n, 3) of `mounts` and (n, 2) of `upright`."""
         return cls(
             tuple((x, y, yaw) for x, y, yaw in mounts.tolist()),
@@ -229,11 +229,11 @@ class Mounts:
         """Angle from the lowest beam to the highest, radians."""
         return float(np.ptp(self.upright()[:, 1]))
 
-    def mounts(self) -> NDArray[np.float64]:
+    def mounts(self) -> Floats:
         """Return x, y, yaw of each beam, shape (n, 3)."""
         return np.array(self.each, dtype=np.float64)
 
-    def upright(self) -> NDArray[np.float64]:
+    def upright(self) -> Floats:
         """Return z and elevation of each beam, shape (n, 2), metres and radians."""
         if not self.raised:
             return _at_height(len(self.each), 0.0)
@@ -282,7 +282,7 @@ class Part:
     layout: Layout
 
 
-def _at_height(count: int, z: float) -> NDArray[np.float64]:
+def _at_height(count: int, z: float) -> Floats:
     """Return z and elevation of `count` level beams, shape (count, 2)."""
     return np.tile((z, 0.0), (count, 1))
 

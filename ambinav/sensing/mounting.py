@@ -6,15 +6,14 @@ import math
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.space import SpaceRays
 from ambinav.config import as_degrees, as_number, as_numbers
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 Mount: TypeAlias = tuple[float, float, float]
 """x and y in metres and yaw in radians, robot frame."""
-Floats = NDArray[np.float64]
 
 TURN = 2.0 * math.pi
 CENTRE: Mount = (0.0, 0.0, 0.0)

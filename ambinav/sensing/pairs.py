@@ -9,15 +9,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import read_text
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 COLUMNS = ("true_range", "reading")
 
 
-def load_pairs(pairs: str | Path | ArrayLike) -> tuple[NDArray[np.float64], str, list[str]]:
+def load_pairs(pairs: str | Path | ArrayLike) -> tuple[Floats, str, list[str]]:
     """Return measured pairs.
 
     Args:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices
+
 WIDEST_SPACING = math.radians(2.0)
 
 
@@ -32,14 +34,14 @@ class RayTable:
         edge: bool, shape (R,): whether it is at the edge of its cone; of a laser always.
     """
 
-    origin: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    start: NDArray[np.intp]
-    max_range: NDArray[np.float32]
-    max_incidence: NDArray[np.float32]
-    height: NDArray[np.float64]
-    elevation: NDArray[np.float64]
-    edge: NDArray[np.bool_]
+    origin: Floats
+    angle: Floats
+    start: Indices
+    max_range: Floats32
+    max_incidence: Floats32
+    height: Floats
+    elevation: Floats
+    edge: Bools
 
     def __len__(self) -> int:
         """Return the number of rays R."""
@@ -50,9 +52,7 @@ class RayTable:
         """True if some ray echoes only from surfaces that it meets steeply enough."""
         return bool(np.isfinite(self.max_incidence).any())
 
-    def echoes(
-        self, distance: NDArray[np.float32], incidence: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
+    def echoes(self, distance: Floats32, incidence: Floats32) -> Floats32:
         """Return the distances, shape (N, R), with inf where the hit returns no echo.
 
         `incidence`, shape (N, R), is read only if the rays are `specular`.
@@ -72,20 +72,20 @@ class RayTable:
         names = [field.name for field in fields(self) if field.name != "start"]
         return RayTable(start=start, **{name: getattr(self, name)[rays] for name in names})
 
-    def nearest(self, echo: NDArray[np.float32]) -> NDArray[np.float32]:
+    def nearest(self, echo: Floats32) -> Floats32:
         """Return the smallest echo of each beam, shape (N, B), from those of the rays (N, R)."""
         if len(self) == len(self.start) - 1:
             return echo
         return np.asarray(np.minimum.reduceat(echo, self.start[:-1], axis=1))
 
 
-def cone_offsets(aperture: float) -> NDArray[np.float64]:
+def cone_offsets(aperture: float) -> Floats:
     """Return the angles of a cone's rays about its axis, radians, shape (odd,)."""
     half = math.ceil(aperture / 2 / WIDEST_SPACING - 1e-9)
     return np.linspace(-aperture / 2, aperture / 2, 2 * half + 1) if half else np.zeros(1)
 
 
-def _fan(aperture: float) -> NDArray[np.float64]:
+def _fan(aperture: float) -> Floats:
     """Return azimuth and elevation of a level cone's rays about its axis; 1 at its edge, (n, 3)."""
     offset = cone_offsets(aperture)
     edge = np.zeros(len(offset))
@@ -93,7 +93,7 @@ def _fan(aperture: float) -> NDArray[np.float64]:
     return np.column_stack([offset, np.zeros(len(offset)), edge])
 
 
-def _rings(aperture: float) -> NDArray[np.float64]:
+def _rings(aperture: float) -> Floats:
     """Return rays over the cone in space: its axis first, then rings, the edge last; see `_fan`."""
     parts = [np.zeros((1, 3))]
     offsets = cone_offsets(aperture)
@@ -109,9 +109,7 @@ def _rings(aperture: float) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def _pitched(
-    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], tilt: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pitched(azimuth: Floats, elevation: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     """Return azimuth and elevation of rays, (R,), about axes raised by `tilt`, (R,)."""
     flat, z = np.cos(elevation), np.sin(elevation)
     x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
@@ -119,18 +117,15 @@ def _pitched(
     raised = np.arctan2(up, np.hypot(along, y))
     # Axes, and rays about a level axis, keep their exact values.
     same = (tilt == 0.0) | ((azimuth == 0.0) & (elevation == 0.0))
-    return (
-        np.where(same, azimuth, np.arctan2(y, along)),
-        np.where(same, elevation + tilt, raised),
-    )
+    return (np.where(same, azimuth, np.arctan2(y, along)), np.where(same, elevation + tilt, raised))
 
 
 def make_rays(
-    mounts: NDArray[np.float64],
-    aperture: NDArray[np.float64],
-    max_range: NDArray[np.float64],
-    max_incidence: NDArray[np.float64],
-    upright: NDArray[np.float64],
+    mounts: Floats,
+    aperture: Floats,
+    max_range: Floats,
+    max_incidence: Floats,
+    upright: Floats,
     in_space: bool = False,
 ) -> RayTable:
     """Make the rays of beams, with one entry per beam in each argument.

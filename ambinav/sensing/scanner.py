@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_count, as_number, check_kind, read_text
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.runtime.input_suggestions import kind_of_path, refuse
@@ -369,9 +370,7 @@ class RangeScanner(Beams):
 
     # -- using it ----------------------------------------------------------------------------
 
-    def scan(
-        self, env: Environment, x: ArrayLike, y: ArrayLike, theta: ArrayLike
-    ) -> NDArray[np.float32]:
+    def scan(self, env: Environment, x: ArrayLike, y: ArrayLike, theta: ArrayLike) -> Floats32:
         """Return the true range of each beam at each pose.
 
         Args:
@@ -399,7 +398,7 @@ class RangeScanner(Beams):
         y: ArrayLike,
         theta: ArrayLike,
         rng: np.random.Generator,
-    ) -> NDArray[np.float32]:
+    ) -> Floats32:
         """Return simulated readings at each pose: `scan`, then calibration, noise, resolution.
 
         Same arguments and shape as `scan`; too near is -inf, no echo inf (REP 117).
@@ -417,7 +416,7 @@ class RangeScanner(Beams):
             )
         return self.capture(ranges, rng)
 
-    def capture(self, true_ranges: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
+    def capture(self, true_ranges: ArrayLike, rng: np.random.Generator) -> Floats32:
         """Return one simulated reading of each true range, shape (..., B) as `scan` gives them.
 
         Raises:

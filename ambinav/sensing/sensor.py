@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_number, from_mapping, parse_yaml, read_text
+from ambinav.runtime.array_types import Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.runtime.input_suggestions import SENSOR, kind_of, refuse
@@ -95,27 +96,27 @@ class RangeSensor:
         return max(1, math.ceil((self.max_range - self.min_range) / self.resolution - 1e-6))
 
     @cached_property
-    def edges(self) -> NDArray[np.float64]:
+    def edges(self) -> Floats:
         """Edges of the bins in metres, shape (K + 1,), from `min_range` to `max_range`."""
         edges = self.min_range + self.resolution * np.arange(self.bins + 1, dtype=np.float64)
         edges[-1] = self.max_range
         edges.flags.writeable = False
         return edges
 
-    def bias_at(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def bias_at(self, true_range: ArrayLike) -> Floats:
         """Return the bias in metres at each true range; held constant beyond the limits."""
         return curves.evaluate(self.bias, self._within(true_range))
 
-    def std_at(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def std_at(self, true_range: ArrayLike) -> Floats:
         """Return the deviation in metres at each true range; held constant beyond the limits."""
         value = curves.evaluate(self.std, self._within(true_range))
         return np.asarray(np.maximum(value, 0.0), dtype=np.float64)
 
-    def _within(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def _within(self, true_range: ArrayLike) -> Floats:
         d = np.asarray(true_range, dtype=np.float64)
         return np.clip(d, self.min_range, self.max_range)
 
-    def reading_probabilities(self, true_range: ArrayLike) -> NDArray[np.float64]:
+    def reading_probabilities(self, true_range: ArrayLike) -> Floats:
         """Return P(reading | true range) for every reading.
 
         Args:
@@ -143,7 +144,7 @@ class RangeSensor:
         row[..., -1] += self.lost_share
         return row
 
-    def read(self, true_range: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
+    def read(self, true_range: ArrayLike, rng: np.random.Generator) -> Floats32:
         """Simulate one reading of each true range.
 
         Args:
@@ -175,7 +176,7 @@ class RangeSensor:
         reading = np.where(no_echo, np.inf, np.where(too_near, -np.inf, centre))
         return np.asarray(reading, dtype=np.float32)
 
-    def column(self, reading: ArrayLike) -> NDArray[np.intp]:
+    def column(self, reading: ArrayLike) -> Indices:
         """Return the column of `reading_probabilities` that each reading (metres) falls into.
 
         Raises:
@@ -289,7 +290,7 @@ def _modelled(plain: dict[str, Any], where: str) -> RangeSensor:
     return sensor
 
 
-def _true_ranges(values: ArrayLike) -> NDArray[np.float64]:
+def _true_ranges(values: ArrayLike) -> Floats:
     d = np.asarray(values, dtype=np.float64)
     usable = d >= 0
     if not usable.all():

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_count, as_degrees, as_number
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
@@ -26,8 +26,6 @@ from ambinav.sensing.mounting import (
     set_pose,
     thinned_fan,
 )
-
-Floats = NDArray[np.float64]
 
 
 class AtPoint:

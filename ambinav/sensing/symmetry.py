@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Floats, Indices
 
 TOLERANCE = 1e-6
 TURN = 2.0 * math.pi
 
 
-def own_centres(
-    mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def own_centres(mounts: Floats, sensor_of_beam: Indices) -> Floats:
     """Return the centre of each sensor's beams, the only possible centre of their turns.
 
     A turn that maps beams onto themselves maps their mean position onto itself.
@@ -31,11 +30,7 @@ def own_centres(
     )
 
 
-def rotation_order(
-    mounts: NDArray[np.float64],
-    upright: NDArray[np.float64],
-    sensor_of_beam: NDArray[np.intp],
-) -> int:
+def rotation_order(mounts: Floats, upright: Floats, sensor_of_beam: Indices) -> int:
     """Return the largest n such that a turn by 2 pi / n maps the beams onto themselves.
 
     Args:
@@ -52,11 +47,7 @@ def rotation_order(
     return next((n for n in orders if all(_invariant(yaw, n) for yaw in yaws)), 1)
 
 
-def _alike(
-    mounts: NDArray[np.float64],
-    upright: NDArray[np.float64],
-    sensor_of_beam: NDArray[np.intp],
-) -> list[NDArray[np.intp]]:
+def _alike(mounts: Floats, upright: Floats, sensor_of_beam: Indices) -> list[Indices]:
     """Group the beams that a turn could map onto each other.
 
     They have the same sensor, height and elevation, and see the robot's centre at the same place.
@@ -78,7 +69,7 @@ def _alike(
     return groups
 
 
-def _invariant(yaw: NDArray[np.float64], n: int) -> bool:
+def _invariant(yaw: Floats, n: int) -> bool:
     """Return whether a turn by 2 pi / n maps these directions onto themselves."""
     turned = np.sort((yaw + TURN / n) % TURN)
     # Rounding may move a direction across 0, so both lists are also compared one place on.

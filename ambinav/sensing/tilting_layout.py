@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ambinav.config import as_count, as_degrees, as_number
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
@@ -21,7 +22,7 @@ from ambinav.sensing.mounting import (
     plain_tilt,
     thinned_fan,
 )
-from ambinav.sensing.space_layout import AtPoint, Floats, InSpace, kept_rows
+from ambinav.sensing.space_layout import AtPoint, InSpace, kept_rows
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,17 @@ from typing import Any, Final, Self, TypeVar, overload
 from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_flat, as_number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
 from ambinav.service.service import AmbiguityService
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 PIECE: Final = 100_000
@@ -215,12 +215,7 @@ class Client(AmbiguityService):
 
     @overload
     def level(
-        self,
-        x: Scalar,
-        y: Scalar,
-        theta: Scalar | None = None,
-        *,
-        layer: str | None = None,
+        self, x: Scalar, y: Scalar, theta: Scalar | None = None, *, layer: str | None = None
     ) -> float: ...
 
     @overload

@@ -116,10 +116,7 @@ def answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def problem_response(
-    status: int,
-    detail: str,
-    field: str | None = None,
-    headers: Mapping[str, str] | None = None,
+    status: int, detail: str, field: str | None = None, headers: Mapping[str, str] | None = None
 ) -> Response:
     """Return the answer to a request that has a problem."""
     details = ProblemDetails(

@@ -14,17 +14,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import map_digest
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.problems import Problem
 from ambinav.service.service import AmbiguityService
-
-Floats = NDArray[np.float64]
 
 DEFAULT_WEIGHT: Final = 5.0
 """Default weight of the cost, as in `AmbiguityService`."""
@@ -114,13 +112,13 @@ class ServedMap:
         return map_digest(self.amap)[:32]
 
     @cached_property
-    def _codes(self) -> NDArray[np.uint8]:
+    def _codes(self) -> Bytes:
         """0 for free cells, otherwise WALL or UNKNOWN, shape (ny, nx)."""
         codes = np.where(self.amap.solid, WALL, UNKNOWN).astype(np.uint8)
         codes[np.asarray(self.amap.dataset["free"].values, dtype=np.bool_)] = 0
         return codes
 
-    def why(self, x: Floats, y: Floats) -> NDArray[np.uint8]:
+    def why(self, x: Floats, y: Floats) -> Bytes:
         """Return codes of `REASONS` that explain missing values at points, each of shape (N,).
 
         0 on free floor, where a value may be missing at a heading alone: there the robot
@@ -134,7 +132,7 @@ class ServedMap:
         codes = self._codes[np.minimum(row, ny - 1), np.minimum(column, nx - 1)]
         return np.where(inside, codes, OUTSIDE).astype(np.uint8)
 
-    def reasons(self, x: Floats, y: Floats, missing: NDArray[np.bool_]) -> list[str | None]:
+    def reasons(self, x: Floats, y: Floats, missing: Bools) -> list[str | None]:
         """Return for each pose why there is no value, None where there is one."""
         out: list[str | None] = [None] * len(missing)
         where = np.flatnonzero(missing)
@@ -292,9 +290,7 @@ def check_layer(amap: AmbiguityMap, layer: str) -> None:
     """Raise a Problem unless the map has the layer."""
     if layer not in amap.layers:
         raise Problem(
-            404,
-            f"The map has no layer {layer!r}; {offer(layer, amap.layers)}.",
-            field="layer",
+            404, f"The map has no layer {layer!r}; {offer(layer, amap.layers)}.", field="layer"
         )
 
 

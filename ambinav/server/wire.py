@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 OCTETS: Final = "application/octet-stream"
@@ -22,7 +22,6 @@ STEP_COLUMNS: Final = ("x0", "y0", "x1", "y1", "theta0", "theta1")
 ABOUT: Final = ".about"
 """Name of the entry with the non-array data of a dataset file."""
 
-Floats = NDArray[np.float64]
 _LITTLE: Final = np.dtype("<f8")
 
 

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import slopes_at, value_at, values_at
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.threads import run_rows
 from ambinav.service.motion import motion_integrals
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +37,11 @@ class Field:
             it is free.
     """
 
-    values: NDArray[np.float32]
-    free: NDArray[np.bool_]
+    values: Floats32
+    free: Bools
     origin: tuple[float, float]
     spacing: float
-    possible: NDArray[np.bool_] | None = None
+    possible: Bools | None = None
 
     @classmethod
     def of(cls, amap: AmbiguityMap, layer: str) -> Field:
@@ -76,7 +75,7 @@ class Field:
         w = theta * self.values.shape[2] / (2.0 * math.pi)
         return float(value_at(u, v, w, self.values))
 
-    def on(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float32]:
+    def on(self, x: NDArray[Any], y: NDArray[Any]) -> Floats32:
         """Return float32 values on another lattice; where not free, of the nearest free cell.
 
         Args:
@@ -132,9 +131,7 @@ class Field:
         return out
 
 
-def nearest_possible(
-    possible: NDArray[np.bool_], heading: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
+def nearest_possible(possible: Bools, heading: int) -> tuple[Ints32, Ints32, int]:
     """Find the cell from which each cell's value is read: itself, or the nearest possible cell.
 
     Args:
@@ -156,7 +153,7 @@ def nearest_possible(
     return row, column, near
 
 
-def _between(u: NDArray[Any], count: int) -> tuple[NDArray[np.int64], Floats]:
+def _between(u: NDArray[Any], count: int) -> tuple[Ints, Floats]:
     """Compute `corner` for many coordinates."""
     u = np.clip(u, 0.0, count - 1.0)
     low = np.minimum(u.astype(np.int64), max(count - 2, 0))

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, advance, curve_pieces
 from ambinav.maps.lattice_values import value_at, value_on_floor
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.kernels import float32_at, kernel
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
@@ -256,7 +252,7 @@ def motion_integrals(
     radius: float | None,
     a: Floats,
     b: Floats,
-    values: NDArray[np.float32],
+    values: Floats32,
     left: float,
     low: float,
     inverse: float,

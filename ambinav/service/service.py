@@ -9,19 +9,18 @@ from typing import overload
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.config import as_arrays, as_number
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
 from ambinav.service.field import Field, nearest_possible
 from ambinav.service.motion import motion_integrals
-
-Floats = NDArray[np.float64]
 
 
 class AmbiguityService:
@@ -123,7 +122,7 @@ class AmbiguityService:
         if preferred is not None:
             outside = _outside(amap, preferred)[:, :, np.newaxis]
             plain = (one if plain is None else plain) + np.float32(outside_weight) * outside
-        self.plain: NDArray[np.float32] | None = plain
+        self.plain: Floats32 | None = plain
         self.density = self._weighed()
 
     def __repr__(self) -> str:
@@ -349,7 +348,7 @@ class AmbiguityService:
             )
 
 
-def _outside(amap: AmbiguityMap, shape: BaseGeometry) -> NDArray[np.bool_]:
+def _outside(amap: AmbiguityMap, shape: BaseGeometry) -> Bools:
     """Return the cells outside of a shape, (rows, columns); in walls as the nearest free cell.
 
     Raises:

@@ -6,15 +6,14 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import as_flat, as_number
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.service.motion import integral_in_space
-
-Floats = NDArray[np.float64]
 
 
 class VolumeService:
@@ -102,7 +101,7 @@ class VolumeService:
         u, v, w = (x - left) * inverse, (y - low) * inverse, (z - bottom) * inverse_z
         return float(value_at(u, v, min(max(w, 0.0), self._free.shape[2] - 1.0), self.density))
 
-    def _check_inside(self, points: NDArray[np.float64]) -> None:
+    def _check_inside(self, points: Floats) -> None:
         """Check that points, shape (N, 3), lie over the volume's cells.
 
         Raises:
@@ -121,7 +120,7 @@ class VolumeService:
             )
 
     @property
-    def kernel_arrays(self) -> tuple[NDArray[np.float32], float, float, float, float, float]:
+    def kernel_arrays(self) -> tuple[Floats32, float, float, float, float, float]:
         """Arguments of `ambinav.service.motion.integral_in_space` behind the two ends."""
         return self.density, *self._origin, *self._scales
 

@@ -22,6 +22,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.provenance import Provenance
 
 FORMAT: Final = 1
@@ -182,7 +183,7 @@ def cells(about: About) -> int:
     return sizes.get("x", 0) * sizes.get("y", 0) * sizes.get("theta", 1)
 
 
-def _pieces(values: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
+def _pieces(values: NDArray[Any]) -> Iterator[Bytes]:
     """Yield the bytes of an array in writable pieces; none for an empty array."""
     flat = values.reshape(-1).view(np.uint8) if values.size else np.empty(0, np.uint8)
     for start in range(0, len(flat), _PIECE):

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_building
 from ambinav.ambiguity.feasible_poses import standing
@@ -23,11 +22,10 @@ from ambinav.map_building.build import MapSettings
 from ambinav.map_building.selection import ChosenPoses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.schema import BACKDROP
+from ambinav.runtime.array_types import Bytes, Floats
 
 # A part reaches this much farther than what is asked in it, metres.
 SLACK = 0.1
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class TileInput:
     tile: Tile
     part: EnvironmentPart | None
     space: PrismPart | None
-    solid: NDArray[np.uint8]
+    solid: Bytes
     drawn: bool
 
     @property
@@ -165,10 +163,7 @@ def tile_variables(job: TileJob, given: TileInput) -> dict[str, xr.DataArray]:
     x, y = job.axes(rows, columns)
     xs, ys = np.meshgrid(x, y)
     inside = part.triangulation.contains(xs.ravel(), ys.ravel()).reshape(xs.shape)
-    own = (
-        slice(low - rows[0], high - rows[0]),
-        slice(left - columns[0], right - columns[0]),
-    )
+    own = (slice(low - rows[0], high - rows[0]), slice(left - columns[0], right - columns[0]))
     if not inside[own].any():
         return backdrop
     around = Lattice(env, settings.spacing, x, y, inside)

@@ -25,15 +25,9 @@ from ambinav.maps import schema
 from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge
-from ambinav.maps.store import (
-    FORMAT,
-    FORMAT_ATTR,
-    TILES,
-    UNFINISHED,
-    attributes_there,
-    finish,
-)
+from ambinav.maps.store import FORMAT, FORMAT_ATTR, TILES, UNFINISHED, attributes_there, finish
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.array_types import Bools
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import holding_interrupts
 from ambinav.tiles.job import Tile
@@ -186,7 +180,7 @@ class TileStore:
 
     # -- tiles -------------------------------------------------------------------------------
 
-    def records(self) -> NDArray[np.bool_]:
+    def records(self) -> Bools:
         """Return which tiles have a record, shape (rows, columns) of tiles."""
         records = np.asarray(self._record[...])
         return np.asarray(records.any(axis=2))

@@ -11,7 +11,7 @@ from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
-from ambinav.logs.frames import Floats
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from real_scans.scan_pairs import ScanPairs

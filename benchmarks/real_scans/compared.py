@@ -13,8 +13,8 @@ from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import Floats
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from real_scans.agreement import Agreement, compare_pairs

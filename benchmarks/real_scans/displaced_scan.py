@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.kernel import around_arrays, batch_arrays, listed, pose_sums
 from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
 from ambinav.ambiguity.tensor import relative_radii
-from ambinav.logs.frames import Floats
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from real_scans.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes

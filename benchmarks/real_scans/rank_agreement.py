@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from ambinav.logs.frames import Floats
+from ambinav.runtime.array_types import Floats
 
 DRAWS: Final = 1000
 # Classes of equal displacement are filled with this many pairs, about.

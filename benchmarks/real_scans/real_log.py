@@ -11,23 +11,17 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import Floats
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from real_scans.agreement import pose_figures
 from real_scans.compared import SPACING, Compared, compared, evidence_of
 from real_scans.displaced_scan import displaced_figures
-from real_scans.log_split import (
-    as_seen_from_laser,
-    check_scans,
-    model_of,
-    scanner_of,
-    stretches,
-)
+from real_scans.log_split import as_seen_from_laser, check_scans, model_of, scanner_of, stretches
 from real_scans.rank_agreement import rank_at_equal
 from real_scans.scan_pairs import scan_pairs
 

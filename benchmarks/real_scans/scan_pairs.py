@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import Floats, wrapped
+from ambinav.logs.frames import wrapped
 from ambinav.logs.log import Log
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 # Headings of a pair differ by no more: of half a turn's view two thirds are then common.

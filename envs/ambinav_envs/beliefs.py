@@ -24,16 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-from ambinav_envs.simulation.belief import (
-    LEAST_STD,
-    MOST_CORRELATION,
-    MOST_STD,
-    NUMBERS,
-    REACH,
-)
-
-Floats = NDArray[np.float64]
+from ambinav_envs.simulation.belief import LEAST_STD, MOST_CORRELATION, MOST_STD, NUMBERS, REACH
 
 _REACH, _LEAST, _MOST = np.array(REACH), np.array(LEAST_STD), np.array(MOST_STD)
 

@@ -7,13 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.beliefs import filter_belief
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.layout import MOTIONS
 from ambinav_envs.simulation.observe import FAR
-
-Floats = NDArray[np.float64]
 
 NOTHING_KNOWN = np.repeat((0.0, 1.0, 0.0), 3)
 """A belief with the largest deviations."""
@@ -35,8 +34,8 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
 def as_actions(
     commands: Floats,
     parameters: NavigationParameters,
-    arrived: NDArray[np.bool_] | None = None,
-    lost: NDArray[np.bool_] | None = None,
+    arrived: Bools | None = None,
+    lost: Bools | None = None,
     belief: Floats | None = None,
 ) -> Floats:
     """Convert speeds (m/s) and turn rates (rad/s) to continuous actions, shape (N, columns).
@@ -87,7 +86,7 @@ def by_filter(
 
 def at_goal(
     observations: Mapping[str, NDArray[np.floating]], parameters: NavigationParameters
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return which robots are at the goal by their estimate, shape (N,).
 
     The rule by which robots stop that declare nothing: it is within `goal_radius`, and its

@@ -11,6 +11,7 @@ from gymnasium.utils import seeding
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
@@ -39,8 +40,6 @@ for one of them depends in its last bits on the size of the batch. A robot witho
 the
 first observation of another one, or its own last one, and its commands are ignored."""
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 
@@ -76,7 +75,7 @@ class Episodes:
         seed: `NavigationEnv.reset(seed=...)` with the same parameters is the same episode.
     """
 
-    outcome: NDArray[np.int64]
+    outcome: Ints
     was_lost: Bools
     lost_at_end: Bools
     lost_seconds: Floats
@@ -89,7 +88,7 @@ class Episodes:
     reward: Floats
     cost: Floats
     building: NDArray[np.str_]
-    seed: NDArray[np.int64]
+    seed: Ints
 
     def __len__(self) -> int:
         """Return the number of episodes E."""
@@ -169,7 +168,7 @@ def joined(parts: Sequence[Episodes]) -> Episodes:
     return Episodes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
+def episode_seeds(seed: int, first: int, count: int) -> Ints:
     """Return the seeds of the episodes from number `first` on; number k always has the same one.
 
     Raises:
@@ -218,7 +217,7 @@ def evaluate_seeds(
     controller: EpisodeDriver | Policy,
     source: BuildingSource,
     parameters: NavigationParameters,
-    seeds: NDArray[np.int64],
+    seeds: Ints,
     buildings: Sequence[int] | None = None,
     *,
     chunk: int = CHUNK,
@@ -274,7 +273,7 @@ class _PolicyDriver:
 def _drive(
     driver: EpisodeDriver,
     simulation: Simulation,
-    seeds: NDArray[np.int64],
+    seeds: Ints,
     buildings: Sequence[int] | None,
     progress: Progress,
 ) -> Episodes:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     ESTIMATE,
@@ -24,7 +24,6 @@ from ambinav_envs.simulation.layout import (
 from ambinav_envs.simulation.outcome import Outcome
 from ambinav_envs.simulation.simulation import Simulation
 
-Bools = NDArray[np.bool_]
 Info = dict[str, Any]
 
 _NAMES = np.array(OUTCOMES, dtype=object)
@@ -125,12 +124,10 @@ def part_of(info: Info, mask: Bools) -> Info:
     return part
 
 
-def _named(
-    rows: NDArray[np.float64], plugged: dict[str, NDArray[np.float64]], everyone: Bools
-) -> Info:
+def _named(rows: Floats, plugged: dict[str, Floats], everyone: Bools) -> Info:
     named: Info = dict(zip(TERMS, rows, strict=False)) | plugged
     return named | dict.fromkeys((*_TERM_MASKS, *(f"_{term}" for term in plugged)), everyone)
 
 
-def _first(plugged: dict[str, NDArray[np.float64]]) -> dict[str, float]:
+def _first(plugged: dict[str, Floats]) -> dict[str, float]:
     return {name: float(values[0]) for name, values in plugged.items()}

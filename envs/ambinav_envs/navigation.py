@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.error import ResetNeeded
-from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Bytes
 from ambinav_envs.infos import info_of_one
 from ambinav_envs.rendering import MODES, metadata_for, renderer_for
 from ambinav_envs.scenario import scenario
@@ -274,7 +273,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         info = info_of_one(self.simulation, out, done)
         return _first(out), float(out.figures[0, REWARD]), terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:
+    def render(self) -> Bytes | None:
         """Return the picture, shape (640, 960, 3), in the mode "rgb_array".
 
         With "human" every step and reset shows it by itself; then and without a mode: None.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.plugins import Registry
+from ambinav.runtime.array_types import Floats32
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.robot_states import Seen
 
@@ -66,7 +67,7 @@ class ObservationPart:
     high: Bound
     function: Callable[[Seen], NDArray[np.generic]] | None = None
 
-    def bounds(self, parameters: SizeParameters) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def bounds(self, parameters: SizeParameters) -> tuple[Floats32, Floats32]:
         """Return least and greatest values, float32, shape (size,)."""
         shape = (self.size(parameters),)
         low, high = (

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.simulation.simulation import Simulation
-
-Floats = NDArray[np.float64]
 
 
 class Observer:
@@ -51,7 +49,7 @@ class Observer:
         return float(self._simulation.state["shortest"][0])
 
     def see(
-        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: Floats32
     ) -> Observation:
         """Return observations; the next call overwrites the same arrays.
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.rewards import REWARD_TERMS
@@ -19,7 +20,6 @@ from ambinav_envs.robot_states import Seen, Stepped
 from ambinav_envs.simulation.layout import REWARD
 from ambinav_envs.task_functions import TaskFunctions
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
@@ -34,7 +34,7 @@ class Plugged(NamedTuple):
 
     terms: dict[str, Floats]
     weighted: dict[str, Floats]
-    parts: dict[str, NDArray[np.float32]]
+    parts: dict[str, Floats32]
 
 
 class PluggedFunctions:

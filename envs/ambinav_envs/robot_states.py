@@ -5,11 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from ambinav.runtime.array_types import Bools, Floats
 
 
 class EpisodeEnd(IntEnum):

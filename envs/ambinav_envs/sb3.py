@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from ambinav.config import as_count
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 from ambinav_envs.registered import is_wrapped, make_wrapped, simulation_of
 from ambinav_envs.seeds import as_seed
@@ -164,7 +165,7 @@ class NavigationVecEnv(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+    def get_images(self) -> Sequence[Bytes | None]:
         """Return the picture of each robot, with the render mode "rgb_array"."""
         frames: Any = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)

@@ -9,12 +9,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.layout import MOTIONS, View
-
-Floats = NDArray[np.float64]
 
 ACTIONS: Floats = np.array(
     [(speed, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
@@ -75,7 +74,7 @@ def continuous(
     actions: object,
     count: int | None,
     parameters: NavigationParameters,
-    active: NDArray[np.bool_] | None = None,
+    active: Bools | None = None,
 ) -> Floats:
     """Convert actions to float64, shape (count, columns); motions are clipped to [-1, 1] later.
 
@@ -106,7 +105,7 @@ def continuous(
     if discrete:
         numbers = given.reshape(-1)
         table = _discrete_actions(parameters)
-        good: NDArray[np.bool_] = (numbers >= 0) & (numbers < len(table))
+        good: Bools = (numbers >= 0) & (numbers < len(table))
         if given.dtype.kind not in "iu":
             good = np.zeros(numbers.shape, dtype=np.bool_)
         if not good.all():
@@ -144,11 +143,7 @@ def _columns(parameters: NavigationParameters) -> str:
 
 
 def _refuse(
-    rows: NDArray[Any],
-    good: NDArray[np.bool_],
-    count: int | None,
-    active: NDArray[np.bool_] | None,
-    what: str,
+    rows: NDArray[Any], good: Bools, count: int | None, active: Bools | None, what: str
 ) -> None:
     """Raise if one of the selected actions is invalid, and name it."""
     bad = ~good if active is None else ~good & active

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.localization.random import uniform
+from ambinav.runtime.array_types import Floats, Ints, UInts
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.parameters import NavigationParameters
@@ -49,9 +50,7 @@ class TaskFunctions:
         self._judge = None if spec is None else spec.judge
         self.judges = self._judge is not None
 
-    def draw(
-        self, site: Site, state: NDArray[np.uint64], longest: float, start: Any, goal: Any
-    ) -> Task:
+    def draw(self, site: Site, state: UInts, longest: float, start: Any, goal: Any) -> Task:
         """Draw an episode's start and goal, but for what is given.
 
         Args:
@@ -75,7 +74,7 @@ class TaskFunctions:
         except InputError as error:
             raise InputError(f"task {self._name!r}: {error}") from error
 
-    def _ends(self, site: Site, state: NDArray[np.uint64], longest: float) -> Ends:
+    def _ends(self, site: Site, state: UInts, longest: float) -> Ends:
         """Return start and goal by the task's function."""
         rng = np.random.default_rng(state.tolist())
         # Another draw for this episode, as for a door that can be closed, has other numbers.
@@ -93,13 +92,7 @@ class TaskFunctions:
             start, goal = self._draw(context)
         return start, goal
 
-    def judge(
-        self,
-        state: NDArray[np.void],
-        rows: NDArray[np.int64],
-        stepped: Stepped,
-        figures: NDArray[np.float64],
-    ) -> None:
+    def judge(self, state: NDArray[np.void], rows: Ints, stepped: Stepped, figures: Floats) -> None:
         """Let the task's function decide which episodes have ended, and correct their rewards.
 
         Args:
@@ -125,7 +118,7 @@ class TaskFunctions:
             figures[rows, REWARD] += weight * change
 
 
-def _ends_of(values: object, before: NDArray[np.int64]) -> NDArray[np.int64]:
+def _ends_of(values: object, before: Ints) -> Ints:
     """Return the ends that a task gives, checked; without one the episode's time is over as ever.
 
     Raises:

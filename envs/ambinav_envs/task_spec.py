@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.runtime.array_types import Ints
 from ambinav.runtime.errors import InputError
 from ambinav_envs.robot_states import Stepped
 
@@ -67,7 +68,7 @@ class TaskSpec:
     about: str
     arguments: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     draw: Callable[[DrawContext], Ends] | None = None
-    judge: Callable[[Stepped, NDArray[np.int64]], NDArray[np.integer[Any]]] | None = None
+    judge: Callable[[Stepped, Ints], NDArray[np.integer[Any]]] | None = None
 
     def __post_init__(self) -> None:
         """Check the name."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ambinav.config import as_count
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
 from ambinav_envs.infos import ends, info_of_all, part_of
 from ambinav_envs.navigation import Observation
@@ -28,8 +29,7 @@ from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_space
 from ambinav_envs.spec import SpecOfSimulation
 
-Bools = NDArray[np.bool_]
-Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
+Step = tuple[Observation, Floats, Bools, Bools, dict[str, Any]]
 
 # Warn if this many robots each wait for a new building.
 MANY = 16
@@ -177,7 +177,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         self._show()
         return out.observation, rewards, terminated, truncated, info
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+    def render(self) -> tuple[Bytes, ...] | None:
         """Return each robot's picture, shape (640, 960, 3); see `NavigationEnv.render`."""
         if self._renderer is None:
             gym.logger.warn("render was called without a render mode; give one to make_vec.")

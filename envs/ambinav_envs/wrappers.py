@@ -28,12 +28,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ambinav.config import as_count, nearest
+from ambinav.runtime.array_types import Bools, Floats32
 from ambinav.runtime.errors import InputError
 
 GOAL_ONLY: Final = ("goal", "velocity")
 """Parts for a robot that sees only the goal, relative to its estimated pose."""
 
-Observation = dict[str, NDArray[np.float32]]
+Observation = dict[str, Floats32]
 
 
 class _Mapped(VectorWrapper[Any, Any, Any, Any, Any], ABC):
@@ -115,7 +116,7 @@ class Flat(_Mapped):
     def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
         return spaces.flatten_space(single)
 
-    def _map(self, seen: Observation) -> NDArray[np.float32]:
+    def _map(self, seen: Observation) -> Floats32:
         kept = [(seen[name], len(part.shape or ())) for name, part in self._single.items()]
         rows = [part.reshape(*part.shape[: part.ndim - axes], -1) for part, axes in kept]
         return np.concatenate(rows, axis=-1)
@@ -172,7 +173,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros_like(done) if same_step else done.copy()
         return self._copy(), rewards, terminated, truncated, info
 
-    def _fill(self, seen: Observation, begun: NDArray[np.bool_]) -> None:
+    def _fill(self, seen: Observation, begun: Bools) -> None:
         """Fill the stack with a first observation."""
         for name, part in seen.items():
             if name not in self._stack:

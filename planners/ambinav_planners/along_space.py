@@ -7,15 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 
 from ambinav.geometry.motion.curves import FACING, STRAIGHT
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.service.motion import motion_integrals
 from ambinav.service.service import AmbiguityService
 
-Floats = NDArray[np.float64]
 PoseOf = Callable[[Any], Sequence[float]]
 """From a state to x, y, theta in metres and radians, or to x, y alone."""
 HeightOf = Callable[[Any], float]

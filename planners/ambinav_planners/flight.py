@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
@@ -17,6 +16,7 @@ from ambinav.casting.triangles import triangles_of
 from ambinav.geometry.collision.sphere import SphereChecker, sphere_free
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import machine_code
 from ambinav.service.motion import integral_in_space
@@ -33,8 +33,6 @@ PLANNERS: Final = ("rrtstar", "informed-rrtstar", "sorrtstar", "bitstar")
 """The planners that plan in space."""
 # Points that are tried for one that is free near a start or goal.
 _NEAREST: Final = 1000
-
-Floats = NDArray[np.float64]
 
 
 class FlightObjective(ob.PathLengthOptimizationObjective):

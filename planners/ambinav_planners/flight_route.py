@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.routes.files import path_message
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.service.volume_service import VolumeService
@@ -26,8 +26,6 @@ _REMARK: Final = (
     "## x, y, z, distance from the start: metres; cost: metres-equivalent from the start; level: "
     "the layer at the point"
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats
 
 
 def is_for_points(amap: AmbiguityMap) -> bool:
@@ -17,7 +15,7 @@ def is_for_points(amap: AmbiguityMap) -> bool:
     return not json.loads(amap.dataset.attrs["parameters"]).get("robot_radius")
 
 
-def free_cells(amap: AmbiguityMap, x: Floats, y: Floats) -> NDArray[np.bool_]:
+def free_cells(amap: AmbiguityMap, x: Floats, y: Floats) -> Bools:
     """Return where a scan can be taken, bool, shape (rows, columns).
 
     Args:
@@ -33,7 +31,7 @@ def free_cells(amap: AmbiguityMap, x: Floats, y: Floats) -> NDArray[np.bool_]:
     return np.asarray(free | amap.environment.is_free(*np.meshgrid(x, y)))
 
 
-def clearances(amap: AmbiguityMap) -> NDArray[np.float64]:
+def clearances(amap: AmbiguityMap) -> Floats:
     """Return the distance to the nearest wall at the cells' centres, metres; 0 in walls."""
     if is_for_points(amap):
         return np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64), nan=0.0)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.routes.evaluate import PER_CELL, zone_codes
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.problem import Pose, Problem
@@ -26,8 +26,6 @@ from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.alternatives import LEAST
 from ambinav_planners.search.cheapest import cheapest_within
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
 
 # Metres between the points of an edge at which a route may join or leave it, at most.
 JOIN_SPACING = 0.5
@@ -50,9 +48,9 @@ class PricedGraph:
     """
 
     graph: RouteGraph
-    free: NDArray[np.bool_]
+    free: Bools
     motions: MotionGraph
-    joints: NDArray[np.int32]
+    joints: Ints32
     _service: AmbiguityService
     _checker: CollisionChecker
 
@@ -71,7 +69,7 @@ class PricedGraph:
                 f"{checker.steering.space}; give r2."
             )
         nodes = np.column_stack([graph.xy, np.zeros(len(graph.xy))])
-        free: NDArray[np.bool_] = np.all(checker.poses_free(nodes)[graph.pairs], axis=1)
+        free: Bools = np.all(checker.poses_free(nodes)[graph.pairs], axis=1)
         free[free] = checker.motions_free(*nodes[graph.pairs[free].T])
         if not free.any():
             raise InputError(
@@ -157,7 +155,7 @@ class PricedGraph:
             f"lead to the goal ({blocked_text}); {self._missing_edge(*parts)}."
         )
 
-    def _missing_edge(self, ahead: NDArray[np.intp], behind: NDArray[np.intp]) -> str:
+    def _missing_edge(self, ahead: Indices, behind: Indices) -> str:
         """Return advice on an edge from a node of the first to one of the second."""
         xy = self.graph.xy
         few = min(NEIGHBOURS, len(behind))
@@ -236,7 +234,7 @@ class PricedGraph:
         )
 
 
-def _in_pieces(nodes: Floats, pairs: NDArray[np.int32]) -> tuple[Floats, NDArray[np.int32]]:
+def _in_pieces(nodes: Floats, pairs: Ints32) -> tuple[Floats, Ints32]:
     """Return the nodes with points that divide the edges, (M, 3), and the pieces, (P, 2)."""
     a, b = nodes[pairs.T]
     pieces = np.maximum(np.ceil(np.hypot(*(b - a).T[:2]) / JOIN_SPACING).astype(np.intp), 1)
@@ -250,7 +248,7 @@ def _in_pieces(nodes: Floats, pairs: NDArray[np.int32]) -> tuple[Floats, NDArray
     return np.concatenate([nodes, inner]), np.column_stack([source, target]).astype(np.int32)
 
 
-def _spread(counts: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _spread(counts: Indices) -> tuple[Indices, Indices]:
     """Return the group of each of so many members, and its place in the group, from 0 on."""
     group = np.repeat(np.arange(len(counts)), counts)
     return group, np.arange(len(group)) - (np.cumsum(counts) - counts)[group]

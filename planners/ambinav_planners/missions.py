@@ -17,11 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav_planners.one_way import legal_part
 from ambinav_planners.planning import NotFoundError, RoutePlanner
@@ -31,7 +31,6 @@ from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.reachability import check_reachable
 
 Place = Sequence[float]
-Floats = NDArray[np.float64]
 
 MOST_STOPS = 30
 """Stops whose order may be chosen."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats
 from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.problem import Problem
@@ -65,7 +65,7 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
     return Setup(simple, si, objective, problem.steering)
 
 
-def found_poses(setup: Setup) -> NDArray[np.float64] | None:
+def found_poses(setup: Setup) -> Floats | None:
     """Return OMPL's path as poses, shape (N, 3), or None without an exact solution."""
     if not setup.simple.haveExactSolutionPath():
         return None

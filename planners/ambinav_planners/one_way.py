@@ -13,12 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.config import as_number
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav_planners.geojson import Feature, list_of, point_of, read_features
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # A motion is against a lane if it goes back by more than this share of its length, for longer than
 # so many metres, and farther within than this from the lane's edge.

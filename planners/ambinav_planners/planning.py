@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.drive.noise import OdometryNoise
@@ -18,6 +17,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
@@ -318,11 +318,11 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
 
 def _reports(
     problem: Problem, name: str, seed: int | None, on_route: Callable[[Route], object]
-) -> Callable[[NDArray[np.float64]], None]:
+) -> Callable[[Floats], None]:
     """Return a function that measures a path and calls another with it if it is cheaper."""
     started, best = time.perf_counter(), math.inf
 
-    def report(poses: NDArray[np.float64]) -> None:
+    def report(poses: Floats) -> None:
         nonlocal best
         route = evaluate_route(
             problem.service, poses, problem.steering, planner=name, seed=seed,

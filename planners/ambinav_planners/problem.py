@@ -10,7 +10,6 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.drive.noise import OdometryNoise
@@ -19,6 +18,7 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import OPEN
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
@@ -64,7 +64,7 @@ class Problem:
         return xmin, ymin, xmax, ymax
 
     @property
-    def ends(self) -> NDArray[np.float64]:
+    def ends(self) -> Floats:
         """Start and goal, shape (2, 3)."""
         return np.array([self.start, self.goal])
 
@@ -119,9 +119,7 @@ def make_checker(
     return checker
 
 
-def cells_met(
-    amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float = 0.0
-) -> NDArray[np.bool_]:
+def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float = 0.0) -> Bools:
     """Return the cells of a map that meet a shape, bool, (rows, columns).
 
     Args:

@@ -7,25 +7,18 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.one_way import legal_part
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Planner, PlannerResult
-from ambinav_planners.search.alternatives import (
-    SLACK,
-    Corridors,
-    alternative_paths,
-    within_cost,
-)
+from ambinav_planners.search.alternatives import SLACK, Corridors, alternative_paths, within_cost
 from ambinav_planners.search.cheapest import cheapest_within
 from ambinav_planners.search.corridor import corridor
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.lattice_graph import LatticeGraph, lattice_of
 from ambinav_planners.search.limit import BadStretchLimit
-
-Floats = NDArray[np.float64]
 
 # A path over the lattice is longer than the route that it becomes, by up to this share and so many
 # spacings at its ends: its stretches on bad floor may be longer than the limit by as much.
@@ -137,7 +130,7 @@ def _within(
 
 
 def _finished(
-    graph: MotionGraph, nodes: NDArray[np.intp], problem: Problem, limit: BadStretchLimit
+    graph: MotionGraph, nodes: Indices, problem: Problem, limit: BadStretchLimit
 ) -> Floats | None:
     """Return a path if it keeps the limit, else the path repaired to keep it; None on failure."""
     path = problem.steering.oriented(graph.poses[nodes])

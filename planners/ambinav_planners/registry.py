@@ -10,9 +10,9 @@ from numbers import Integral
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.plugins import Registry
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav_planners.problem import Problem
 
@@ -41,7 +41,7 @@ class Budget:
     seconds: float = math.inf
     iterations: int | None = None
     seed: int | None = None
-    on_path: Callable[[NDArray[np.float64]], None] | None = None
+    on_path: Callable[[Floats], None] | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unusable budget."""
@@ -67,13 +67,13 @@ class PlannerResult:
         alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
 
-    poses: NDArray[np.float64] | None
+    poses: Floats | None
     curve: tuple[tuple[float, float], ...] = ()
     iterations: int | None = None
-    covariances: NDArray[np.float64] | None = None
+    covariances: Floats | None = None
     finished: bool = False
     seconds: float = 0.0
-    alternatives: tuple[NDArray[np.float64], ...] = ()
+    alternatives: tuple[Floats, ...] = ()
 
 
 def _is_whole(value: object) -> bool:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.improve.finishing import is_free
@@ -26,9 +26,6 @@ from ambinav_planners.search.costs_to_go import CostsToGo
 from ambinav_planners.search.lattice_graph import REACH, lattice_of
 from ambinav_planners.search.lattice_motions import STEPS
 from ambinav_planners.search.reachability import NoPathError, check_reachable
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NAME = "replanner"
 # Longest motion of the lattice, spacings.
@@ -201,7 +198,7 @@ class Replanner:
         self._update(self._near(changed))
         return True
 
-    def _update(self, motions: NDArray[np.intp]) -> None:
+    def _update(self, motions: Indices) -> None:
         """Give motions the cost that they have now: inf where they are blocked."""
         a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
         checker = self._problem.checker
@@ -209,7 +206,7 @@ class Replanner:
         free[free] = checker.motions_free(a[free], b[free])
         self._costs.change(motions, np.where(free, self._free_cost[motions], math.inf))
 
-    def _near(self, cells: Bools) -> NDArray[np.intp]:
+    def _near(self, cells: Bools) -> Indices:
         """Return the motions that may meet any of some cells."""
         from scipy.ndimage import binary_dilation
 

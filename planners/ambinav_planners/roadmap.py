@@ -7,10 +7,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import geometric as og
 
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav_planners.ompl_setup import Setup, prepare
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Planner, PlannerResult
@@ -105,7 +105,7 @@ class Roadmap:
             self.problem.checker,
         )
 
-    def _ends(self, poses: NDArray[np.float64]) -> NDArray[np.int32]:
+    def _ends(self, poses: Floats) -> Ints32:
         """Return pairs that join start and goal to their nearest milestones, and to each other."""
         count = len(poses)
         pairs = [np.array([[count, count + 1]])]
@@ -137,7 +137,7 @@ def solve_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     until = started + budget.seconds
     roadmap = Roadmap.over(problem, budget.seed)
     wanted = FIRST_MILESTONES if budget.iterations is None else budget.iterations
-    best: NDArray[np.float64] | None = None
+    best: Floats | None = None
     curve: list[tuple[float, float]] = []
     while True:
         begun = time.perf_counter()

@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.buildings.drawn_items import KINDS
 from ambinav.config.values import shown
 from ambinav.geometry.map_frame import MAP_FRAME
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_planners.geojson import Feature, list_of, point_of, read_features
 
-Floats = NDArray[np.float64]
 Properties = Mapping[str, Any]
 
 LINES = ("LineString", "MultiLineString")
@@ -41,12 +40,12 @@ class RouteGraph:
 
     source: str
     xy: Floats
-    pairs: NDArray[np.int32]
+    pairs: Ints32
     nodes: tuple[Properties, ...]
     edges: tuple[Properties, ...]
 
     @classmethod
-    def numbered(cls, source: str, xy: Floats, pairs: NDArray[np.int32]) -> RouteGraph:
+    def numbered(cls, source: str, xy: Floats, pairs: Ints32) -> RouteGraph:
         """Create a graph without properties but its ids, which start at 1 and are distinct."""
         nodes = ({"id": k, "frame": "map"} for k in range(1, len(xy) + 1))
         edges = (
@@ -79,9 +78,7 @@ class RouteGraph:
             return _with_ids(path, features)
         return _of_lines(path, features)
 
-    def with_figures(
-        self, kept: NDArray[np.bool_], cost: Floats, figures: Mapping[str, Floats]
-    ) -> RouteGraph:
+    def with_figures(self, kept: Bools, cost: Floats, figures: Mapping[str, Floats]) -> RouteGraph:
         """Return some of the edges with costs and figures for the scorers of Nav2.
 
         The costs are not overridable, so that Nav2's scorers leave them as they are.
@@ -206,7 +203,7 @@ def _of_lines(path: Path, features: list[Feature]) -> RouteGraph:
     return RouteGraph.numbered(str(path), np.array(list(number)), _pairs(path, distinct))
 
 
-def _pairs(path: Path, pairs: list[Any]) -> NDArray[np.int32]:
+def _pairs(path: Path, pairs: list[Any]) -> Ints32:
     """Return the edges as an array, shape (E, 2)."""
     if not pairs:
         raise InputError(

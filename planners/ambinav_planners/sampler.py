@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from scipy.ndimage import maximum_filter
 
+from ambinav.runtime.array_types import Floats
 from ambinav_planners.floor import clearances
 from ambinav_planners.problem import Problem
 from ambinav_planners.spaces import has_heading
@@ -82,7 +82,7 @@ class FreeSampler(ob.ValidStateSampler):
         if not len(self._odds):
             return False
         cells = self._rng.choice(len(self._odds), size=BLOCK, p=self._odds)
-        poses: NDArray[np.float64] = np.empty((BLOCK, 3))
+        poses: Floats = np.empty((BLOCK, 3))
         within = self._rng.uniform(-0.5, 0.5, size=(BLOCK, 2)) * self._spacing
         poses[:, 0], poses[:, 1] = self._x[cells] + within[:, 0], self._y[cells] + within[:, 1]
         poses[:, 2] = self._rng.uniform(-np.pi, np.pi, size=BLOCK)

@@ -34,11 +34,7 @@ def check_planner(name: str) -> None:
 
 
 def check_route(
-    planner_name: str,
-    start: Place,
-    goal: Place,
-    checker: CollisionChecker,
-    iterations: int | None,
+    planner_name: str, start: Place, goal: Place, checker: CollisionChecker, iterations: int | None
 ) -> None:
     """Check a route's settings before it is planned.
 

@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav_planners.spaces import kind_of, pose_reader, write_pose
 
@@ -93,9 +93,7 @@ def _moves_so(space: ob.StateSpace, steering: Steering, a: Any, b: Any) -> bool:
     return True
 
 
-def _away_from_middle(
-    pose: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
-) -> float:
+def _away_from_middle(pose: Floats, first: Floats, second: Floats) -> float:
     """Return the distance of a pose from a straight motion's middle, metres plus radians."""
     turn = math.remainder(second[2] - first[2], 2.0 * math.pi)
     place = math.hypot(*(pose[:2] - 0.5 * (first[:2] + second[:2])))

@@ -142,11 +142,7 @@ def rasterise(env: Environment, folder: Path) -> Path:
 
 
 def test_through_a_rasterised_map(
-    demo: Environment,
-    coarse_map: AmbiguityMap,
-    laser: RangeScanner,
-    points: Points,
-    tmp_path: Path,
+    demo: Environment, coarse_map: AmbiguityMap, laser: RangeScanner, points: Points, tmp_path: Path
 ) -> None:
     drawn = load_environment(rasterise(demo, tmp_path))
     # The same uncertainty of the walls on both sides.

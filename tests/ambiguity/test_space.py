@@ -295,10 +295,7 @@ def test_building_and_scanner_that_do_not_go_together() -> None:
                            r"-15 degrees.*--extrude"):  # fmt: skip
             ask()
     low = LASER.raised(-0.4)
-    for ask in (
-        lambda: low.scan(tall(plan), 1.0, 1.0, 0.0),
-        lambda: build_map(tall(plan), low),
-    ):
+    for ask in (lambda: low.scan(tall(plan), 1.0, 1.0, 0.0), lambda: build_map(tall(plan), low)):
         with pytest.raises(InputError, match=r"at z = 0 m, on its floor.*scanner\.raised"):
             ask()
 

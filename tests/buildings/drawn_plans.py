@@ -236,10 +236,7 @@ def courtyard(mouth: float) -> DrawnPlan:
     ]  # fmt: skip
     within = shapely.box(0, 0, x1 + 6, 20) - shapely.box(6, 6, x1, 20)
     return DrawnPlan(
-        f"court open for {mouth:g} m",
-        walls,
-        [(6, 9, 6, 10), (x1, 9, x1, 10), (0, 2, 0, 5)],
-        within,
+        f"court open for {mouth:g} m", walls, [(6, 9, 6, 10), (x1, 9, x1, 10), (0, 2, 0, 5)], within
     )
 
 

@@ -136,12 +136,7 @@ class House:
         return hole
 
     def door(
-        self,
-        wall: Any,
-        storey: Any,
-        shape: shapely.Polygon,
-        low: float,
-        clear: float | None = None,
+        self, wall: Any, storey: Any, shape: shapely.Polygon, low: float, clear: float | None = None
     ) -> Any:
         """A door with a leaf of 4 cm in the middle of its opening."""
         hole = self.opening(wall, storey, shape, low, low + 2.0)

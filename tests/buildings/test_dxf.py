@@ -123,17 +123,9 @@ def test_the_unit_of_the_file_changes_nothing(
 @pytest.mark.parametrize(
     ("insunits", "per_metre", "said"),
     [
-        (
-            0,
-            1.0,
-            r"\$INSUNITS says no unit .* 6\.4 by 4\.4 in all, its doors 1 wide; say with",
-        ),
+        (0, 1.0, r"\$INSUNITS says no unit .* 6\.4 by 4\.4 in all, its doors 1 wide; say with"),
         (3, 1.0, r"\$INSUNITS says no unit"),  # miles
-        (
-            1,
-            1.0,
-            r"says inch, but then its walls are 0\.163 by 0\.112 m in all and its doors 0",
-        ),
+        (1, 1.0, r"says inch, but then its walls are 0\.163 by 0\.112 m in all and its doors 0"),
         (6, 1e3, r"says metre, but then its walls are 6\.4e\+03 by"),
         (4, 1.0, r"says millimetre, but then"),
         (5, 1e3, r"its walls are 64 by 44 m in all and its doors 10 m wide"),

@@ -23,11 +23,7 @@ DRAWN = (
 
 
 def feature(kind: Any, geometry: Any, **properties: Any) -> Any:
-    return {
-        "type": "Feature",
-        "properties": {"kind": kind, **properties},
-        "geometry": geometry,
-    }
+    return {"type": "Feature", "properties": {"kind": kind, **properties}, "geometry": geometry}
 
 
 def test_what_is_written_is_read_again() -> None:

@@ -219,8 +219,7 @@ def test_who_is_told_to_stand_stands() -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    difficulty=st.integers(0, 3),
-    explicit=st.sets(st.sampled_from(sorted(LEVELS[3])), max_size=4),
+    difficulty=st.integers(0, 3), explicit=st.sets(st.sampled_from(sorted(LEVELS[3])), max_size=4)
 )
 def test_what_is_given_wins_over_the_level(difficulty: int, explicit: set[str]) -> None:
     plain = NavigationParameters()

@@ -14,12 +14,7 @@ from ambinav.ambiguity import reference
 from ambinav.ambiguity.heading import turns
 from ambinav.geometry.environment import Environment
 from ambinav.layers.aliasing.kernel import compare_fully
-from ambinav.layers.aliasing.layer import (
-    LEAST_LIKENESS,
-    AliasedPoses,
-    aliased_poses,
-    compute,
-)
+from ambinav.layers.aliasing.layer import LEAST_LIKENESS, AliasedPoses, aliased_poses, compute
 from ambinav.layers.aliasing.scans import Scans
 from ambinav.layers.context import LayerContext
 from ambinav.map_building.build import build_map
@@ -247,10 +242,7 @@ def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
 def test_unexplored_floor_is_like_everything_and_nothing_is_like_it():
     """A room open to unknown space all round: scans carry no information there."""
     box = shapely.box(0, 0, 1.5, 1.5)
-    env = environment_from_shapes(
-        [box, shapely.box(3, 0, 5, 1.2)],
-        openings=[box.exterior],
-    )
+    env = environment_from_shapes([box, shapely.box(3, 0, 5, 1.2)], openings=[box.exterior])
     here = context(env, laser(), 0.3)
     layer = compute(here)
     x = here.lattice.x[np.nonzero(here.free)[1]]

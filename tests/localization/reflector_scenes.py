@@ -13,11 +13,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.localization.information import beam_noise
-from ambinav.localization.reflector_detection import (
-    COLUMNS,
-    detect_reflectors,
-    reflector_beams,
-)
+from ambinav.localization.reflector_detection import COLUMNS, detect_reflectors, reflector_beams
 from ambinav.localization.reflector_view import VIEW, ReflectorMap, expect
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 

@@ -7,13 +7,7 @@ import math
 import numpy as np
 from scipy import ndimage, stats
 
-from ambinav.localization.bins import (
-    estimate,
-    fill_bins,
-    kld_count,
-    label_clusters,
-    table_size,
-)
+from ambinav.localization.bins import estimate, fill_bins, kld_count, label_clusters, table_size
 from tests.localization.worlds import turned
 
 

@@ -17,12 +17,7 @@ from ambinav.geometry.extrude import extruded
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.localization.casting import CastTables, cast_tables, work_space
 from ambinav.localization.ekf import ExtendedKalmanFilter
-from ambinav.localization.information import (
-    beam_lines,
-    beam_noise,
-    line_space,
-    scan_information,
-)
+from ambinav.localization.information import beam_lines, beam_noise, line_space, scan_information
 from ambinav.localization.prism_tables import edge_kinds
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

@@ -18,12 +18,7 @@ from ambinav.localization.reflector_detection import (
     reflector_beams,
 )
 from ambinav.sensing import RangeScanner
-from tests.localization.reflector_scenes import (
-    detected,
-    exact,
-    hall,
-    laser,
-)
+from tests.localization.reflector_scenes import detected, exact, hall, laser
 
 # Compiles kernels that no other test needs.
 pytestmark = pytest.mark.slow

@@ -11,15 +11,9 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors
-from ambinav.localization.reflector_detection import (
-    BEARING,
-    RANGE,
-    SIZE,
-)
+from ambinav.localization.reflector_detection import BEARING, RANGE, SIZE
 from ambinav.localization.reflector_update import update_by_reflectors
-from ambinav.localization.reflector_view import (
-    SLOPE,
-)
+from ambinav.localization.reflector_view import SLOPE
 from ambinav.sensing import RangeScanner, read_intensity
 from tests.localization.reflector_scenes import (
     ArrayF,

@@ -10,26 +10,10 @@ import shapely
 
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors
-from ambinav.localization.reflector_detection import (
-    BEARING,
-    RANGE,
-)
-from ambinav.localization.reflector_view import (
-    BEARING_BY,
-    DISTANCE,
-    MIDDLE,
-    RANGE_BY,
-    SLOPE,
-    WIDTH,
-)
+from ambinav.localization.reflector_detection import BEARING, RANGE
+from ambinav.localization.reflector_view import BEARING_BY, DISTANCE, MIDDLE, RANGE_BY, SLOPE, WIDTH
 from ambinav.sensing import read_intensity
-from tests.localization.reflector_scenes import (
-    detected,
-    hall,
-    known,
-    laser,
-    view_of,
-)
+from tests.localization.reflector_scenes import detected, hall, known, laser, view_of
 
 # Compiles kernels that no other test needs.
 pytestmark = pytest.mark.slow

@@ -60,10 +60,7 @@ def half_definite(rng: np.random.Generator, size: float) -> Matrix:
 def random_step(rng: np.random.Generator) -> Step:
     angle = rng.uniform(-0.5, 0.5)
     jacobian = np.eye(3)
-    jacobian[:2, :2] = [
-        [math.cos(angle), -math.sin(angle)],
-        [math.sin(angle), math.cos(angle)],
-    ]
+    jacobian[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     jacobian[:2, 2] = rng.normal(size=2)
     return jacobian, half_definite(rng, 0.01), half_definite(rng, 10 ** rng.uniform(-1, 3))
 

@@ -12,13 +12,7 @@ from matplotlib.lines import Line2D
 import ambinav as an
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.placement import (
-    MARKER,
-    ROUND,
-    PlacementView,
-    label_spots,
-    plot_placement,
-)
+from ambinav.plotting.placement import MARKER, ROUND, PlacementView, label_spots, plot_placement
 from ambinav.studies.design.improved import zones_after
 from tests.drive.cases import laser
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from real_scans.rank_agreement import (
-    floor_squares,
-    rank_agreement,
-    rank_at_equal,
-    spearman,
-)
+from real_scans.rank_agreement import floor_squares, rank_agreement, rank_at_equal, spearman
 from scipy.stats import spearmanr
 
 NUMBERS = st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=3, max_size=40)

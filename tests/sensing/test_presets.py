@@ -61,7 +61,7 @@ KNOWN = {
 
 
 IN_SPACE = {
-    *("livox-mid-360", "ouster-os1-32", "realsense-d435", "service-robot", "velodyne-vlp-16"),
+    *("livox-mid-360", "ouster-os1-32", "realsense-d435", "service-robot", "velodyne-vlp-16")
 }
 """Those that look up and down: tests/sensing/test_space_scanners.py."""
 

@@ -22,7 +22,7 @@ from ambinav.sensing.tilting_layout import Tilting
 LASER = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
 SONAR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(30))
 IN_SPACE = {
-    *("livox-mid-360", "ouster-os1-32", "realsense-d435", "service-robot", "velodyne-vlp-16"),
+    *("livox-mid-360", "ouster-os1-32", "realsense-d435", "service-robot", "velodyne-vlp-16")
 }
 
 
@@ -187,8 +187,7 @@ def test_the_sampled_pattern_fills_its_field_of_view() -> None:
 
 def test_a_turn_must_keep_height_and_elevation() -> None:
     two = RangeScanner.mixed(
-        RangeScanner.planar(LASER, 12, math.tau),
-        RangeScanner.layered(LASER, 12, [0.1], z=0.3),
+        RangeScanner.planar(LASER, 12, math.tau), RangeScanner.layered(LASER, 12, [0.1], z=0.3)
     )
     assert two.rotation_order == 12
     halves = np.column_stack([np.zeros(12), np.tile([0.0, 0.2], 6)])

@@ -142,9 +142,7 @@ def test_an_audit_that_fails_says_why_and_names_no_folder(
     plan = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,9],[0,9],[0,0]]]}'
     for content, message in ((plan, "this server takes 10"), (b"{}", "plan.geojson")):
         answer = live.http.post(
-            "/v1/audits",
-            files=[("files", ("a.geojson", content))],
-            data={"scanner": "sick-lms200"},
+            "/v1/audits", files=[("files", ("a.geojson", content))], data={"scanner": "sick-lms200"}
         )
         name, data = events(live.http.get(f"{answer.headers['location']}/events").text)[-1]
         assert name == "failed" and message in data["detail"]

@@ -237,8 +237,7 @@ def test_what_is_no_token_is_said() -> None:
 
 LAYER = {"name": "level", "has_theta": False}
 MAPS = _answer(
-    "200 OK",
-    {"maps": [{"id": "a", "digest": "d", "cost_layer": "level", "layers": [LAYER]}]},
+    "200 OK", {"maps": [{"id": "a", "digest": "d", "cost_layer": "level", "layers": [LAYER]}]}
 )
 BUSY = _answer("503 Service Unavailable", {"detail": "Too many."}, "retry-after: 1")
 

@@ -21,9 +21,7 @@ COST = "/v1/maps/environment/cost"
 @pytest.fixture
 def guarded(serve: Any, corridor: an.AmbiguityMap) -> Live:
     found: Live = serve(
-        [corridor],
-        access=Access("s3cret"),
-        limits=Limits(body=1000, upload=5000, body_seconds=0.3),
+        [corridor], access=Access("s3cret"), limits=Limits(body=1000, upload=5000, body_seconds=0.3)
     )
     found.http.headers["authorization"] = "Bearer s3cret"
     return found

@@ -67,10 +67,7 @@ def at(page: Any, x: float, y: float) -> tuple[float, float]:
                 break
         known.append((px, py, *reading))
     (ax, ay, amx, amy), (bx, by, bmx, bmy) = known
-    return (
-        ax + (x - amx) / (bmx - amx) * (bx - ax),
-        ay + (y - amy) / (bmy - amy) * (by - ay),
-    )
+    return (ax + (x - amx) / (bmx - amx) * (bx - ax), ay + (y - amy) / (bmy - amy) * (by - ay))
 
 
 def test_files_are_served_under_a_strict_policy(live):

@@ -186,9 +186,7 @@ def test_a_batch_of_too_many_rows_is_refused(serve: Any, corridor: an.AmbiguityM
     live = serve([corridor], limits=Limits(batch=10))
     many = np.ones(11)
     answer = httpx.post(
-        f"{live.url}/v1/maps/environment/cost",
-        content=many.tobytes() * 2,
-        headers=OCTETS,
+        f"{live.url}/v1/maps/environment/cost", content=many.tobytes() * 2, headers=OCTETS
     )
     assert answer.status_code == 413
     assert "at most 10" in answer.json()["detail"]
@@ -240,11 +238,7 @@ def test_no_step_is_longer_than_what_it_is_taken_for() -> None:
     [
         ("cost", {"layer": "minor"}, "layer in the query is only for a binary body; give 'layer'"),
         ("cost", {"weight": "2"}, "give 'weight' in the body."),
-        (
-            "level",
-            {"columns": "x,y"},
-            "columns in the query is only for a binary body; leave",
-        ),
+        ("level", {"columns": "x,y"}, "columns in the query is only for a binary body; leave"),
         ("reward", {"steering": "dubins"}, "give 'steering' in the body."),
     ],
 )

@@ -92,9 +92,7 @@ def test_a_motion_may_be_cut_and_turned_round(
     assert whole >= 6.0 - 1e-9
 
 
-def test_cost_is_at_least_one_in_free_space_and_infinite_elsewhere(
-    plain: an.AmbiguityMap,
-) -> None:
+def test_cost_is_at_least_one_in_free_space_and_infinite_elsewhere(plain: an.AmbiguityMap) -> None:
     service = an.AmbiguityService(plain, weight=5.0)
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-5, 50, 5000), rng.uniform(-5, 35, 5000)

@@ -31,14 +31,7 @@ from ambinav.tiles import claim
 from ambinav.tiles import queue as tile_queue
 from ambinav.tiles.build import FOLDER, TiledBuild, check_place, run_plan
 from ambinav.tiles.store import TileStore
-from tests.tiles.tile_cases import (
-    DEMO,
-    assert_identical,
-    content,
-    demo,
-    plan,
-    whole,
-)
+from tests.tiles.tile_cases import DEMO, assert_identical, content, demo, plan, whole
 
 ROOT = Path(__file__).parents[2]
 TILE = 8.0

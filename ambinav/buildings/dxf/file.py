@@ -13,22 +13,16 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.dxf.layers import roles_of
 from ambinav.buildings.dxf.lines import ABSENT, Drawn, Written, drawn_in, opened, swing
 from ambinav.buildings.outline import outline_of
 from ambinav.buildings.plan_units import LARGEST, UNITS, metres_in
-from ambinav.buildings.section_floor import (
-    DOORS,
-    GLASS,
-    PlanSection,
-    check_choice,
-    environment_of,
-)
+from ambinav.buildings.section_floor import DOORS, GLASS, PlanSection, check_choice, environment_of
 from ambinav.buildings.wall_bodies import beside, bodies_in, capped, noded
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.files import sha256
 
@@ -148,10 +142,7 @@ def load_dxf(
 
 
 def _check_unit(
-    path: Path,
-    drawing_unit: str | None,
-    walls: Sequence[Drawn],
-    arcs: Sequence[NDArray[np.float64]],
+    path: Path, drawing_unit: str | None, walls: Sequence[Drawn], arcs: Sequence[Floats]
 ) -> None:
     """Raise `InputError` if the unit is missing, or gives no plausible building.
 
@@ -183,8 +174,8 @@ def _check_unit(
 
 
 def _section(
-    lines: Mapping[str, Sequence[NDArray[np.float64]]],
-    arcs: Sequence[NDArray[np.float64]],
+    lines: Mapping[str, Sequence[Floats]],
+    arcs: Sequence[Floats],
     doors_closed: bool,
     furniture: bool,
 ) -> tuple[PlanSection, list[BaseGeometry]]:
@@ -251,7 +242,7 @@ def _rooms(
 
 
 def _leaves(
-    arcs: Sequence[NDArray[np.float64]], drawn: BaseGeometry, bounds: BaseGeometry
+    arcs: Sequence[Floats], drawn: BaseGeometry, bounds: BaseGeometry
 ) -> list[BaseGeometry]:
     """Return shut doors as lines, each from its arc's hinge to one end of the arc.
 

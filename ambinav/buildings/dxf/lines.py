@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from ezdxf import path as paths
 from ezdxf.filemanagement import readfile
-from numpy.typing import NDArray
 
 from ambinav.buildings.dxf.wide_lines import wide_outlines
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import ends_with
 
@@ -52,8 +52,8 @@ class Drawn(NamedTuple):
 
     layer: str
     kind: str
-    paths: list[NDArray[np.float64]]
-    arc: NDArray[np.float64] | None = None
+    paths: list[Floats]
+    arc: Floats | None = None
 
 
 def opened(path: Path) -> Any:
@@ -175,7 +175,7 @@ def _written(layer: str, entity: Any) -> Written:
     return Written(layer, " ".join(entity.plain_text().split()), (point.x, point.y))
 
 
-def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
+def _outlines(entity: Any, tolerance: float) -> Iterator[Floats]:
     if getattr(entity, "has_width", False):
         yield from wide_outlines(entity, tolerance)
         return
@@ -190,13 +190,13 @@ def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
         yield np.array([(p.x, p.y) for p in points], dtype=np.float64).reshape(-1, 2)
 
 
-def _arc(arc: Any) -> NDArray[np.float64]:
+def _arc(arc: Any) -> Floats:
     centre = arc.ocs().to_wcs(arc.dxf.center)
     points = [(centre.x, centre.y), *((p.x, p.y) for p in (arc.start_point, arc.end_point))]
     return np.array(points, dtype=np.float64)
 
 
-def swing(arc: NDArray[np.float64]) -> tuple[float, float]:
+def swing(arc: Floats) -> tuple[float, float]:
     """Return the radius of a door's arc, in its unit, and its opening angle, radians, up to pi."""
     a, b = arc[1] - arc[0], arc[2] - arc[0]
     radius = float(np.hypot(*a))

@@ -10,7 +10,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import shapely
 from ezdxf.math import ConstructionArc, Vec2, bulge_to_arc
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Floats
 
 # Where parts meet at less than 45 degrees, the corner is cut off.
 _MITRE: Final = 2.6
@@ -21,8 +22,8 @@ _FRAME: Final = 16
 class _Part(NamedTuple):
     """Stretch of a polyline: corners, shape (n, 2), and its width at each, shape (n,)."""
 
-    corners: NDArray[np.float64]
-    widths: NDArray[np.float64]
+    corners: Floats
+    widths: Floats
 
     def is_constant(self) -> bool:
         return bool((self.widths == self.widths[0]).all())
@@ -46,7 +47,7 @@ class _Part(NamedTuple):
         return shapely.make_valid(shapely.Polygon(np.concatenate(sides)))
 
 
-def wide_outlines(polyline: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
+def wide_outlines(polyline: Any, tolerance: float) -> Iterator[Floats]:
     """Yield the edges of a polyline, shape (n, 2) each, and as lines the parts of width 0.
 
     Args:

@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 import ifcopenshell.geom
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
@@ -18,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.buildings.ifc.storeys import Storey, storey_of
 from ambinav.buildings.mesh_section import section
 from ambinav.buildings.section_floor import filled
+from ambinav.runtime.array_types import Bools, Floats, Ints
 
 # Role by class: the first match counts; other classes are solid.
 ROLES: Final = {
@@ -67,9 +67,9 @@ class ElementMesh(NamedTuple):
     """
 
     element: Any
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    glass: NDArray[np.bool_]
+    vertices: Floats
+    faces: Ints
+    glass: Bools
 
 
 @dataclass
@@ -209,11 +209,8 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
 
 
 def bodies_of(
-    role: str,
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    glass: NDArray[np.bool_],
-) -> Iterator[tuple[NDArray[np.int64], bool]]:
+    role: str, vertices: Floats, faces: Ints, glass: Bools
+) -> Iterator[tuple[Ints, bool]]:
     """Yield the faces of each body of an element, (F, 3), and whether it is a pane of glass."""
     if role == "window" and not glass.any():
         glass = np.ones(len(faces), dtype=np.bool_)
@@ -227,7 +224,7 @@ def _is_glass(material: Any) -> bool:
     return clear > CLEAR or bool(_GLASS.search(name))
 
 
-def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _bodies(vertices: Floats, faces: Ints) -> list[Ints]:
     """Return the faces of each body of a mesh that shares no corner with another."""
     _, same = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]
@@ -240,12 +237,7 @@ def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDA
 
 
 def _surface(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    low: float,
-    high: float,
-    *,
-    upper: bool = False,
+    vertices: Floats, faces: Ints, low: float, high: float, *, upper: bool = False
 ) -> list[BaseGeometry]:
     """Return triangles between two heights, seen from above; `upper`: only upward ones."""
     corners = vertices[faces]

@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.ifc.file import StoreyPlan, carries, read_storey, reading
@@ -23,6 +22,7 @@ from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.edit import polygons_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, GLASS, WALL
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputWarning
 
 # Metres. What bounds the known building stands this far outside of it: walls are met before.
@@ -92,7 +92,7 @@ class _Bodies:
     low: float
     high: float
     solids: list[Solid] = field(default_factory=list)
-    lines: list[NDArray[np.float64]] = field(default_factory=list)
+    lines: list[Floats] = field(default_factory=list)
     heights: list[tuple[float, float]] = field(default_factory=list)
     kinds: list[int] = field(default_factory=list)
     sliced: int = 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.kernels import kernel
 
 # Of a triangle cut at two heights five corners are left at the most; one more for the cut between.
@@ -14,13 +14,13 @@ _SLACK = 1e-6
 
 
 def touched(
-    triangles: NDArray[np.float64],
+    triangles: Floats,
     low: float,
     high: float,
     origin: tuple[float, float],
     cell: float,
     shape: tuple[int, int],
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Find cells that a triangle touches with a part of it from `low` to `high`, from above.
 
     Args:

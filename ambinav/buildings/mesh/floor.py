@@ -6,7 +6,6 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.buildings.boundary import environment_from_grid
@@ -15,6 +14,7 @@ from ambinav.buildings.mesh.bands import touched
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.runtime.array_types import Bytes, Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
@@ -89,7 +89,7 @@ def find_floor(mesh: Mesh) -> float:
     return float((z[mine] * area[mine]).sum() / area[mine].sum())
 
 
-def _lowest(triangles: NDArray[np.float64]) -> float:
+def _lowest(triangles: Floats) -> float:
     """Return the lowest z of a building, without outliers below it, such as reflections."""
     a, b, c = triangles.swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -101,9 +101,7 @@ def _lowest(triangles: NDArray[np.float64]) -> float:
     return float(low[gaps[-1] + 1] if len(gaps) else low[0])
 
 
-def _layered(
-    above: NDArray[np.float64], area: NDArray[np.float64], thick: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _layered(above: Floats, area: Floats, thick: float) -> tuple[Floats, Ints]:
     """Sum the area in each layer and the next one, `thick` metres; return the layers too."""
     layer = np.maximum(np.floor(above / thick), 0).astype(np.int64)
     of = np.bincount(layer, weights=area, minlength=1)
@@ -216,7 +214,7 @@ def _cells(
     return OccupancyGrid(state, cell, (*corner, 0.0))
 
 
-def _drop_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
+def _drop_narrow(state: Bytes, radius: float) -> tuple[int, int]:
     """Mark pieces of free cells as occupied in which no disc fits; its radius is in cells.
 
     Returns:

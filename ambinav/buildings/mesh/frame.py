@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.buildings.plan_units import LARGEST, SMALLEST, UNITS
 from ambinav.casting.mesh.mesh import Mesh
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
 
 Number = TypeVar("Number", bound=np.generic)
@@ -53,7 +54,7 @@ def turned_up(values: NDArray[Number], up: str) -> NDArray[Number]:
     return np.column_stack([x, ~z if values.dtype.kind == "i" else -z, y])
 
 
-def check_size(path: Path, what: str, size: NDArray[np.float64]) -> None:
+def check_size(path: Path, what: str, size: Floats) -> None:
     """Raise `InputError` for a size that is not plausible for a building in metres.
 
     Args:

@@ -6,9 +6,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
+from ambinav.runtime.array_types import Floats, Ints
 
 STEEPEST: Final = math.radians(10.0)
 """Tilts up to this are taken for an error of the survey."""
@@ -54,25 +54,25 @@ def levelled(mesh: Mesh) -> Mesh:
     )  # fmt: skip
 
 
-def _areas(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _areas(triangles: Floats) -> Floats:
     a, b, c = triangles.swapaxes(0, 1)
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
 
-def _median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+def _median(values: Floats, weights: Floats) -> float:
     """Return the weighted median: half of the weight lies at or below it."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def levelled_note(where: str, slope: NDArray[np.float64]) -> str:
+def levelled_note(where: str, slope: Floats) -> str:
     """Return the note about a building that was levelled."""
     tilt = math.degrees(math.atan(float(np.hypot(*slope))))
     return f"{where}: its floor was tilted by {tilt:.2f} degrees and is levelled."
 
 
-def upright(slope: NDArray[np.float64]) -> NDArray[np.float64]:
+def upright(slope: Floats) -> Floats:
     """Return the rotation about a horizontal axis that makes a plane level (Rodrigues), (3, 3).
 
     Args:
@@ -84,7 +84,7 @@ def upright(slope: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + z))
 
 
-def voxel_slope(keys: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def voxel_slope(keys: Ints) -> Floats | None:
     """Find the tilt of a floor of voxels, by the plane that most of their tops lie in.
 
     Planes through three tops at random are tried (RANSAC, Fischler and Bolles 1981), those that

@@ -13,6 +13,7 @@ from ambinav.buildings.mesh.frame import check_size, check_storey
 from ambinav.buildings.mesh.voxels import voxel_mesh
 from ambinav.buildings.plan_units import SMALLEST, metres_in
 from ambinav.casting.mesh.mesh import Mesh
+from ambinav.runtime.array_types import Bools, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -37,9 +38,9 @@ class Leaves(NamedTuple):
         occupied: bool, shape (L,); the others are free.
     """
 
-    key: NDArray[np.int64]
-    size: NDArray[np.int64]
-    occupied: NDArray[np.bool_]
+    key: Ints
+    size: Ints
+    occupied: Bools
 
 
 def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 1) -> Mesh:
@@ -221,7 +222,7 @@ def _walk(nodes, key, size, occupied):
     return leaves if read == nodes.size else -1
 
 
-def _expanded(key: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int64]:
+def _expanded(key: Ints, size: Ints) -> Ints:
     """Return the voxels of leaves, shape (V, 3)."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for edge in np.unique(size).tolist():

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.buildings.mesh.cloud_tables import content_lines, ply_elements
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 
 # Sine of the angle by which a corner may point inwards: rounding.
@@ -51,7 +51,7 @@ def check_polygons(path: Path) -> None:
             )
 
 
-def _inward(polygons: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _inward(polygons: Floats) -> Bools:
     """Return which of K polygons, shape (K, n, 3), have a corner that points inwards."""
     edges = np.roll(polygons, -1, axis=1) - polygons
     around = polygons - polygons[:, :1]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.buildings.mesh.frame import (
     check_axis,
@@ -20,6 +19,7 @@ from ambinav.buildings.mesh.level import levelled
 from ambinav.buildings.mesh.polygons import check_polygons
 from ambinav.buildings.plan_units import metres_in
 from ambinav.casting.mesh.mesh import Mesh
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 
 SUFFIXES: Final = (".glb", ".obj", ".ply", ".stl")
@@ -88,7 +88,7 @@ def read_mesh(
     return mesh
 
 
-def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _load(path: Path) -> tuple[Floats, Ints]:
     """Return vertices and faces as the file stores them."""
     try:
         import trimesh

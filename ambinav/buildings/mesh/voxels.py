@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.casting.mesh.mesh import Mesh
+from ambinav.runtime.array_types import Ints
 
 # Corners of the face of a unit cube that looks along -x, -y, -z, x, y and z, counter-clockwise.
 _FACES: Final = np.array(
@@ -26,7 +27,7 @@ _LOOKS: Final = np.array([(-1, 0, 0), (0, -1, 0), (0, 0, -1), (1, 0, 0), (0, 1, 
 
 
 def voxel_mesh(
-    voxels: NDArray[np.int64],
+    voxels: Ints,
     edge: float,
     *,
     shift: ArrayLike = 0.0,

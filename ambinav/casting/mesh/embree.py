@@ -12,7 +12,8 @@ import sys
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ambinav.runtime.array_types import Floats32, Ints32
 
 # Bytes of a ray in the shared memory: origin, direction, distance, face.
 RAY_BYTES = 32
@@ -28,10 +29,10 @@ class RayBlock(NamedTuple):
         face: int32, shape (N,), -1 for none.
     """
 
-    origin: NDArray[np.float32]
-    direction: NDArray[np.float32]
-    distance: NDArray[np.float32]
-    face: NDArray[np.int32]
+    origin: Floats32
+    direction: Floats32
+    distance: Floats32
+    face: Ints32
 
     @classmethod
     def of(cls, buffer: Any, count: int) -> RayBlock:
@@ -45,7 +46,7 @@ class RayBlock(NamedTuple):
         )
 
 
-def scene_of(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
+def scene_of(vertices: Floats32, faces: Ints32) -> Any:
     """Build Embree's scene from vertices, shape (V, 3), and faces of three indices, (F, 3)."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene

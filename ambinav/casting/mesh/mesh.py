@@ -9,9 +9,10 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.casting.space import Scans, SpaceRays, unit_rays
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
@@ -111,12 +112,12 @@ class Mesh:
             caster.close()
 
     @property
-    def triangles(self) -> NDArray[np.float64]:
+    def triangles(self) -> Floats:
         """Corners of the faces, shape (F, 3, 3), metres."""
         return np.asarray(self.vertices[self.faces])
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Lowest and highest x, y and z of the faces, shape (2, 3), metres."""
         named = np.zeros(len(self.vertices), dtype=np.bool_)
         named[self.faces] = True
@@ -124,7 +125,7 @@ class Mesh:
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @cached_property
-    def middle(self) -> NDArray[np.float64]:
+    def middle(self) -> Floats:
         """Point that Embree's coordinates are relative to, shape (3,), metres."""
         return np.asarray(self.bounds.mean(axis=0))
 
@@ -134,12 +135,12 @@ class Mesh:
         return digest_of(self.vertices, self.faces)
 
     @property
-    def surface_normal(self) -> NDArray[np.float64]:
+    def surface_normal(self) -> Floats:
         """Unit normals of the faces, shape (F, 3)."""
         return np.asarray(self._normal)
 
     @cached_property
-    def surface_kind(self) -> NDArray[np.uint8]:
+    def surface_kind(self) -> Bytes:
         """Kind of each surface, shape (F,): all are walls."""
         return np.zeros(len(self.faces), dtype=np.uint8)
 
@@ -154,7 +155,7 @@ class Mesh:
 
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    ) -> tuple[Floats, Ints32]:
         """Find the first face along single rays; see `Prisms.cast`.
 
         Raises:
@@ -168,9 +169,9 @@ class Mesh:
 
     def cast_scans(
         self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
+        theta: Floats,
         rays: SpaceRays,
         max_range: float,
         *,
@@ -200,11 +201,9 @@ class Mesh:
         distance[nowhere] = np.nan
         return distance, face, oblique
 
-    def _cast(
-        self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def _cast(self, origin: Floats, direction: Floats, reach: float) -> tuple[Floats32, Ints32]:
         middle = self.middle
-        hits: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
+        hits: tuple[Floats32, Ints32] = self._caster.cast(
             (origin - middle).astype(np.float32), direction.astype(np.float32), reach
         )
         return hits
@@ -224,8 +223,8 @@ class Mesh:
         return EmbreeCaster(vertices, self.faces.astype(np.int32), self.processes)
 
 
-def _crosses(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _crosses(triangles: Floats) -> Floats:
     """Compute normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    cross: NDArray[np.float64] = np.cross(b - a, c - a)
+    cross: Floats = np.cross(b - a, c - a)
     return cross

@@ -12,10 +12,10 @@ from mmap import mmap
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh import embree
 from ambinav.casting.mesh.embree import RAY_BYTES, RayBlock, cast_piece, scene_of
+from ambinav.runtime.array_types import Floats32, Ints32
 from ambinav.runtime.files import holding_interrupts
 
 # Rays per block: 16 MB of shared memory.
@@ -40,18 +40,14 @@ class EmbreeCaster:
         processes: How many; 1: this one.
     """
 
-    def __init__(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], processes: int
-    ) -> None:
+    def __init__(self, vertices: Floats32, faces: Ints32, processes: int) -> None:
         self._mesh = vertices, faces
         self._count = processes
         self._lock = threading.Lock()
         self._team: _Team | None = None
         self._scene = scene_of(vertices, faces) if processes == 1 else None
 
-    def cast(
-        self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def cast(self, origin: Floats32, direction: Floats32, reach: float) -> tuple[Floats32, Ints32]:
         """Return distance, (N,), inf for none, and face, -1 for none, of rays, (N, 3).
 
         Raises:
@@ -89,9 +85,7 @@ class EmbreeCaster:
 class _Team:
     """Processes, and the memory that they share with this one."""
 
-    def __init__(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], processes: int
-    ) -> None:
+    def __init__(self, vertices: Floats32, faces: Ints32, processes: int) -> None:
         # Files without a name, so that none is left behind; in memory where there is such a folder.
         where = MEMORY if MEMORY.is_dir() else None
         with tempfile.TemporaryFile(dir=where) as mesh, tempfile.TemporaryFile(dir=where) as block:
@@ -119,9 +113,7 @@ class _Team:
                     )
         self._rays = RayBlock.of(self._memory, BLOCK)
 
-    def cast(
-        self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def cast(self, origin: Floats32, direction: Floats32, reach: float) -> tuple[Floats32, Ints32]:
         """Cast at most `BLOCK` rays, as `EmbreeCaster.cast` does.
 
         The next call overwrites the returned arrays.

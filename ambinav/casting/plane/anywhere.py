@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import cast_rays
 from ambinav.casting.plane.walk import walk_rays
 from ambinav.casting.scene import Scene
 from ambinav.config import as_arrays
+from ambinav.runtime.array_types import Floats, Ints32
 
 
 def cast_anywhere(
-    scene: Scene,
-    grid: SegmentGrid,
-    x: ArrayLike,
-    y: ArrayLike,
-    angle: ArrayLike,
-    max_range: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    scene: Scene, grid: SegmentGrid, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
+) -> tuple[Floats, Ints32]:
     """Find the first segment that each ray meets; arguments are broadcast.
 
     Args:
@@ -50,7 +46,7 @@ def cast_anywhere(
     return distance.reshape(shape), segment.reshape(shape)
 
 
-def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _flat(values: Floats, shape: tuple[int, ...]) -> Floats:
     """Broadcast values to `shape` and flatten them; copy only where necessary."""
     if values.shape != shape or not values.flags.writeable:
         return np.broadcast_to(values, shape).flatten()

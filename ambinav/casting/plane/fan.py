@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
 from ambinav.casting.scene import Scene
+from ambinav.runtime.array_types import Floats, Floats32, Indices, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -35,24 +35,24 @@ class Fan(NamedTuple):
         reach: How far to look, metres.
     """
 
-    origin: NDArray[np.float64]
-    cosine: NDArray[np.float64]
-    sine: NDArray[np.float64]
-    column: NDArray[np.intp]
+    origin: Floats
+    cosine: Floats
+    sine: Floats
+    column: Indices
     reach: float
 
 
 def scan_plan(
     scene: Scene,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    ray_origin: NDArray[np.float64],
-    ray_angle: NDArray[np.float64],
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+    ray_origin: Floats,
+    ray_angle: Floats,
     max_range: float,
     *,
     incidence: bool = True,
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]:
+) -> tuple[Floats32, Ints32, Floats32]:
     """Cast the same level rays from many poses of the robot, in the plane.
 
     A scanner's rays are cast by `scans.scan_rays`: they may end on what no plan shows.
@@ -93,9 +93,7 @@ def scan_plan(
     return distance, edge, oblique
 
 
-def distinct_rows(
-    rows: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def distinct_rows(rows: Floats) -> tuple[Floats, Indices]:
     """Return the distinct rows, sorted, and which of them each row is."""
     if (rows == rows[:1]).all():
         # The rays of one sensor: sorting their origins takes longer than casting them.
@@ -103,7 +101,7 @@ def distinct_rows(
     return np.unique(rows, axis=0, return_inverse=True)
 
 
-def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
+def counter_clockwise(angles: Floats) -> Indices:
     """Return the order of the rays, counter-clockwise from the widest gap on.
 
     So no two neighbours in the list are half a turn apart, unless nothing lies between them. Of

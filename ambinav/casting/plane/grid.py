@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.kernels import kernel
 
 MAX_CELLS = 4_000_000
@@ -32,12 +32,12 @@ class SegmentGrid:
             so that the segments of a cell are read in one go.
     """
 
-    origin: NDArray[np.float64]
+    origin: Floats
     cell: float
     shape: tuple[int, int]
-    start: NDArray[np.int32]
-    item: NDArray[np.int32]
-    line: NDArray[np.float64]
+    start: Ints32
+    item: Ints32
+    line: Floats
 
     @classmethod
     def build(cls, segments: Segments, cell: float | None = None) -> SegmentGrid:

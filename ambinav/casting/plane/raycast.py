@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.grid import SegmentGrid
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -20,12 +20,8 @@ END = 1e-9
 
 
 def cast_rays(
-    grid: SegmentGrid,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    angle: NDArray[np.float64],
-    max_range: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    grid: SegmentGrid, x: Floats, y: Floats, angle: Floats, max_range: float
+) -> tuple[Floats, Ints32]:
     """Find the first segment that each ray meets.
 
     Args:
@@ -48,9 +44,7 @@ def cast_rays(
     return distance, segment
 
 
-def clearances(
-    grid: SegmentGrid, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
-) -> NDArray[np.float64]:
+def clearances(grid: SegmentGrid, x: Floats, y: Floats, limit: float) -> Floats:
     """Compute each point's distance, shape (N,), to a segment, at most `limit` metres.
 
     It is nan where the point is not finite.

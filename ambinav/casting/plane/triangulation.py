@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.kernels import kernel
 
 # Half the width in metres of the slit that stands for a wall without thickness: far below
@@ -39,12 +39,12 @@ class MeshArrays(NamedTuple):
         grid: What `locate` takes after a point: `Triangulation.index`.
     """
 
-    segment: NDArray[np.int32]
-    border: NDArray[np.float64]
-    twin: NDArray[np.int32]
-    node: NDArray[np.float64]
-    hops: NDArray[np.int32]
-    corner: NDArray[np.float64]
+    segment: Ints32
+    border: Floats
+    twin: Ints32
+    node: Floats
+    hops: Ints32
+    corner: Floats
     grid: tuple[Any, ...]
 
 
@@ -63,19 +63,19 @@ class Triangulation:
         triangle: float64, shape (items, 6): the corners of each item, side by side.
     """
 
-    corner: NDArray[np.float64]
-    twin: NDArray[np.int32]
-    node: NDArray[np.float64]
-    border: NDArray[np.float64]
+    corner: Floats
+    twin: Ints32
+    node: Floats
+    border: Floats
     origin: tuple[float, float]
     cell: float
     shape: tuple[int, int]
-    start: NDArray[np.int32]
-    item: NDArray[np.int32]
-    triangle: NDArray[np.float64]
+    start: Ints32
+    item: Ints32
+    triangle: Floats
 
     @classmethod
-    def build(cls, free: BaseGeometry, thin_walls: NDArray[np.float64]) -> Triangulation:
+    def build(cls, free: BaseGeometry, thin_walls: Floats) -> Triangulation:
         """Triangulate `free` (polygons), cut along `thin_walls` (shape (N, 4), end points)."""
         if len(thin_walls):
             lines = shapely.linestrings(thin_walls.reshape(-1, 2, 2))
@@ -86,7 +86,7 @@ class Triangulation:
         return cls.from_triangles(points)
 
     @classmethod
-    def from_triangles(cls, points: NDArray[np.float64]) -> Triangulation:
+    def from_triangles(cls, points: Floats) -> Triangulation:
         """Join triangles, shape (T, 3, 2), along the edges that two of them share."""
         a, b, c = points[:, 0], points[:, 1], points[:, 2]
         turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
@@ -136,7 +136,7 @@ class Triangulation:
         )
 
     @property
-    def hops(self) -> NDArray[np.int32]:
+    def hops(self) -> Ints32:
         """View of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
         return self.node.view(np.int32)
 
@@ -145,11 +145,11 @@ class Triangulation:
         """Arguments of `locate` after the point, in their order."""
         return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
-    def arrays(self, segment: NDArray[np.int32], border: NDArray[np.float64]) -> MeshArrays:
+    def arrays(self, segment: Ints32, border: Floats) -> MeshArrays:
         """Return the mesh for kernels, with segment and line of each border edge."""
         return MeshArrays(segment, border, self.twin, self.node, self.hops, self.corner, self.index)
 
-    def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, x: Floats, y: Floats) -> Bools:
         """Return whether each point, shape (N,), lies in the free space or on its border."""
         inside = np.empty(len(x), dtype=np.bool_)
         _contains(x, y, self.index, inside)

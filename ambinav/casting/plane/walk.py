@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import LEFT, RIGHT, border_distance, locate
 from ambinav.casting.scene import Scene
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -31,12 +31,8 @@ PER_CELL = 4
 
 
 def walk_rays(
-    scene: Scene,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    angle: NDArray[np.float64],
-    max_range: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.bool_]]:
+    scene: Scene, x: Floats, y: Floats, angle: Floats, max_range: float
+) -> tuple[Floats, Ints32, Bools]:
     """Find the first segment that each ray meets; the rays start in the free space.
 
     Args:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.prisms.kernel import PrismArrays
 from ambinav.casting.prisms.scans import scan_packets
 from ambinav.casting.ray_packets import packets_of
 from ambinav.casting.space import Scans, SpaceRays
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.threads import run_rows
 
 # Minimum number of rays for a further thread.
@@ -33,9 +33,9 @@ class PrismCaster(ABC):
 
     def cast_scans(
         self,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
+        x: Floats,
+        y: Floats,
+        theta: Floats,
         rays: SpaceRays,
         max_range: float,
         *,
@@ -57,12 +57,7 @@ class PrismCaster(ABC):
 
 
 def _mask_outside(
-    plan: Triangulation,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    rays: SpaceRays,
-    scans: Scans,
+    plan: Triangulation, x: Floats, y: Floats, theta: Floats, rays: SpaceRays, scans: Scans
 ) -> None:
     """Set rays that start outside of the plan to nan."""
     distance, surface, oblique = scans

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.triangulation import sort_triangles
+from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +25,17 @@ class Pieces:
         piece: int64, shape (T,): the piece that each triangle is of.
     """
 
-    edges: NDArray[np.float64]
-    owner: NDArray[np.int32]
-    triangle: NDArray[np.float64]
-    piece: NDArray[np.int64]
+    edges: Floats
+    owner: Ints32
+    triangle: Floats
+    piece: Ints
 
     @classmethod
     def of(cls, outlines: Sequence[shapely.Polygon]) -> Pieces:
         """Divide outlines; a convex outline with four corners is kept as one piece."""
-        corners: list[NDArray[np.float64]] = []
+        corners: list[Floats] = []
         owner: list[int] = []
-        triangle: list[NDArray[np.float64]] = []
+        triangle: list[Floats] = []
         piece: list[int] = []
         for i, outline in enumerate(outlines):
             parts = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
@@ -65,9 +65,7 @@ class Pieces:
             np.array(piece, dtype=np.int64),
         )
 
-    def in_cells(
-        self, grid: SegmentGrid, kept: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    def in_cells(self, grid: SegmentGrid, kept: Bools) -> tuple[Ints32, Ints]:
         """Sort the `kept` pieces, shape (P,), into cells; return cell starts and the pieces."""
         kept_triangles = kept[self.piece]
         corner = np.ascontiguousarray(self.triangle[kept_triangles].reshape(-1, 2))
@@ -84,9 +82,7 @@ class Pieces:
         return np.searchsorted(pairs[:, 0], edges).astype(np.int32), pairs[:, 1]
 
 
-def _turn(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return the cross product of b - a and c - a, shape (N, 2) each: positive for a left turn."""
-    turn: NDArray[np.float64] = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    turn: Floats = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     return turn

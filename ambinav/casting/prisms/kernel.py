@@ -12,10 +12,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.casting.plane.raycast import END
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.kernels import kernel
 
 # Surfaces are this much wider than drawn, metres: no ray slips through where two of them meet.
@@ -48,20 +46,20 @@ class PrismArrays(NamedTuple):
     cell: float
     rows: int
     columns: int
-    start: NDArray[np.int32]
-    item: NDArray[np.int32]
-    line: NDArray[np.float64]
-    height: NDArray[np.float64]
-    face_start: NDArray[np.int32]
-    face: NDArray[np.float64]
-    face_surface: NDArray[np.int32]
-    body_start: NDArray[np.int32]
-    body: NDArray[np.float64]
+    start: Ints32
+    item: Ints32
+    line: Floats
+    height: Floats
+    face_start: Ints32
+    face: Floats
+    face_surface: Ints32
+    body_start: Ints32
+    body: Floats
     walls: int
     floor: float
     ceiling: float
-    level: NDArray[np.float64]
-    normal: NDArray[np.float64]
+    level: Floats
+    normal: Floats
 
 
 @kernel(inline="always")

@@ -11,12 +11,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.prisms.cast import PrismCaster
 from ambinav.casting.prisms.kernel import PrismArrays
 from ambinav.casting.prisms.prisms import Prisms
+from ambinav.runtime.array_types import Bytes, Floats, Ints, Ints32
 
 Box = tuple[float, float, float, float]
 # No triangle of the plan is near: use one in which no ray starts.
@@ -31,10 +31,10 @@ class Cells(NamedTuple):
         items: How many items each has.
     """
 
-    cell: NDArray[np.int32]
-    items: NDArray[np.int32]
+    cell: Ints32
+    items: Ints32
 
-    def start(self, cells: int) -> NDArray[np.int32]:
+    def start(self, cells: int) -> Ints32:
         """Return the first item of each cell of a grid with this many cells, and the end."""
         counts = np.zeros(cells + 1, dtype=np.int32)
         counts[self.cell + 1] = self.items
@@ -60,8 +60,8 @@ class PrismPart(PrismCaster):
         self,
         scene: PrismArrays,
         cells: tuple[Cells, Cells, Cells],
-        kind: NDArray[np.uint8],
-        triangles: NDArray[np.float64] | None,
+        kind: Bytes,
+        triangles: Floats | None,
         checksum: str,
     ) -> None:
         self._made_of = scene, cells, kind, triangles, checksum
@@ -80,7 +80,7 @@ class PrismPart(PrismCaster):
         return sum(array.nbytes for array in pieces if isinstance(array, np.ndarray))
 
     @property
-    def surface_normal(self) -> NDArray[np.float64]:
+    def surface_normal(self) -> Floats:
         """Unit normal of each surface, shape (S, 3)."""
         return self._made_of[0].normal
 
@@ -143,7 +143,7 @@ def part_of(prisms: Prisms, box: Box) -> PrismPart:
     )
 
 
-def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
+def _near(scene: PrismArrays, box: Box) -> Ints:
     """Return the indices of the cells that touch a box, and of their neighbours, ascending."""
     low = (np.array(box[:2]) - (scene.x0, scene.y0)) // scene.cell - 1
     high = (np.array(box[2:]) - (scene.x0, scene.y0)) // scene.cell + 1
@@ -155,7 +155,7 @@ def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
     return (rows[:, None] * scene.columns + columns).ravel()
 
 
-def _kept(start: NDArray[np.int32], cells: NDArray[np.int64]) -> tuple[Cells, NDArray[np.int64]]:
+def _kept(start: Ints32, cells: Ints) -> tuple[Cells, Ints]:
     """Return the cells that are not empty, and their items, in the original order."""
     count = start[cells + 1] - start[cells]
     filled = count > 0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.plane.grid import SegmentGrid
@@ -23,6 +23,7 @@ from ambinav.casting.prisms.scans import cast_single
 from ambinav.casting.ray_packets import packets_of
 from ambinav.casting.space import SpaceRays, unit_rays
 from ambinav.geometry.segments import WALL, Segments, edges_of
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Indices, Ints, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 from ambinav.runtime.threads import run_rows
@@ -59,12 +60,12 @@ class Sheets(NamedTuple):
         kind: Kind of each, shape (N,); see `ambinav.geometry.segments`.
     """
 
-    xy: NDArray[np.float64]
-    z: NDArray[np.float64]
-    kind: NDArray[np.uint8]
+    xy: Floats
+    z: Floats
+    kind: Bytes
 
     @classmethod
-    def of(cls, xy: NDArray[np.float64], low: float, high: float, kind: int = WALL) -> Sheets:
+    def of(cls, xy: Floats, low: float, high: float, kind: int = WALL) -> Sheets:
         """Make sheets of one height and kind, see the class."""
         count = len(xy)
         return cls(xy, np.tile((low, high), (count, 1)), np.full(count, kind, dtype=np.uint8))
@@ -79,7 +80,7 @@ class Sheets(NamedTuple):
         """Return the sheets of all parts, in order."""
         return cls(*map(np.concatenate, zip(cls.none(), *parts, strict=True)))
 
-    def among(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Sheets:
+    def among(self, rows: Bools | Indices | slice) -> Sheets:
         """Return some of the sheets."""
         return Sheets(self.xy[rows], self.z[rows], self.kind[rows])
 
@@ -181,7 +182,7 @@ class Prisms(PrismCaster):
         return digest_of(*walls, self.solids, self.floor, self.ceiling, self.free)
 
     @cached_property
-    def surface_normal(self) -> NDArray[np.float64]:
+    def surface_normal(self) -> Floats:
         """Unit normals, shape (S, 3): of walls to the left of a to b, of the others upward."""
         xy = self.walls.xy
         normal = np.zeros((len(xy) + 2 * len(self.solids) + 2, 3))
@@ -192,7 +193,7 @@ class Prisms(PrismCaster):
         return normal
 
     @cached_property
-    def surface_kind(self) -> NDArray[np.uint8]:
+    def surface_kind(self) -> Bytes:
         """Kind of each surface, shape (S,); floor and ceiling are walls."""
         of_solids = np.repeat([solid.kind for solid in self.solids], 2)
         return np.concatenate([self.walls.kind, of_solids, (WALL, WALL)]).astype(np.uint8)
@@ -223,13 +224,13 @@ class Prisms(PrismCaster):
             np.concatenate([z.ravel(), (self.floor, self.ceiling)]), self.surface_normal,
         )  # fmt: skip
 
-    def _seen(self, z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _seen(self, z: Floats) -> Bools:
         """Return which heights of horizontal faces lie between the floor and the ceiling."""
         return (z > self.floor) & (z < self.ceiling)
 
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    ) -> tuple[Floats, Ints32]:
         """Find the first surface along single rays, from anywhere, solids included.
 
         Args:
@@ -252,9 +253,7 @@ class Prisms(PrismCaster):
         distance[~fine], surface[~fine] = np.nan, -1
         return distance.reshape(shape), surface.reshape(shape)
 
-    def rays(
-        self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
-    ) -> PrismRays:
+    def rays(self, rays: SpaceRays, max_range: float, max_incidence: Floats) -> PrismRays:
         """Arrange rays for kernels that cast them pose by pose, see `cast_prism_rays`.
 
         Args:
@@ -275,8 +274,8 @@ class Prisms(PrismCaster):
 
 
 def _check(
-    ends: NDArray[np.float64],
-    heights: NDArray[np.float64],
+    ends: Floats,
+    heights: Floats,
     solids: Sequence[Solid],
     floor: float | None,
     ceiling: float | None,
@@ -312,9 +311,7 @@ def _check(
         )
 
 
-def _merged(
-    starts: Sequence[NDArray[np.int32]], items: Sequence[NDArray[np.int64]]
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+def _merged(starts: Sequence[Ints32], items: Sequence[Ints]) -> tuple[Ints32, Ints, Ints]:
     """Merge lists by cell: start of each cell, the items, and the source list of each item."""
     cells = [np.repeat(np.arange(len(start) - 1), np.diff(start)) for start in starts]
     cell, item = np.concatenate(cells), np.concatenate(items)

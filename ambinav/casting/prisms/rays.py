@@ -6,7 +6,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.triangulation import locate
 from ambinav.casting.prisms.kernel import PrismArrays, within_solid
@@ -18,6 +17,7 @@ from ambinav.casting.prisms.scans import (
     turn_packet,
 )
 from ambinav.casting.ray_packets import Packets
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
 
 # A grid without cells, of the types that `Triangulation.index` has.
@@ -45,7 +45,7 @@ class PrismRays(NamedTuple):
     reach: float
     bounded: bool
     plan: tuple[Any, ...]
-    incidence: NDArray[np.float64]
+    incidence: Floats
 
 
 @kernel

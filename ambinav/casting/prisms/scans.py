@@ -6,12 +6,7 @@ import math
 
 import numpy as np
 
-from ambinav.casting.prisms.kernel import (
-    cast_column,
-    cast_upright,
-    length_along,
-    within_solid,
-)
+from ambinav.casting.prisms.kernel import cast_column, cast_upright, length_along, within_solid
 from ambinav.casting.prisms.wedge import cast_wedge
 from ambinav.casting.ray_packets import UPRIGHT
 from ambinav.runtime.kernels import kernel

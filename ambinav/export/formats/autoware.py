@@ -28,6 +28,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.routes.evaluate import zone_codes
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bytes, Floats
 from ambinav.runtime.errors import InputError
 
 SCALE: Final = 3.0
@@ -40,8 +41,6 @@ CAUSES: Final = ("long axis and across the heading", "long axis", "across the he
 LEAST_RADIUS: Final = 1.2
 """Metres: on open floor a map's deviations end at half of its neighbourhood's radius (in a corridor
 at 0.58 of it), and 3 of those must reach the error of the long axis with a margin for the cells."""
-
-Floats = NDArray[np.float64]
 
 
 def sizes(
@@ -66,7 +65,7 @@ def sizes(
     return long, SCALE * np.sqrt(np.maximum(s * s * xx - 2.0 * s * c * xy + c * c * yy, 0.0))
 
 
-def level(size: Floats, limits: tuple[float, float]) -> NDArray[np.uint8]:
+def level(size: Floats, limits: tuple[float, float]) -> Bytes:
     """Return the index in `LEVELS` of each size; nan counts as 0."""
     with np.errstate(invalid="ignore"):
         return ((size >= limits[0]).astype(np.uint8) + (size >= limits[1])).astype(np.uint8)
@@ -136,11 +135,11 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
     return features
 
 
-def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _levels(long: Floats, lateral: Floats) -> tuple[Bytes, Bytes]:
     return level(long, LONG), level(lateral, LATERAL)
 
 
-def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _causes(by_long: Bytes, by_lateral: Bytes) -> Bytes:
     """Return the index in `CAUSES`, from 1 on, of each level's cause; 1 where both apply."""
     return np.where(by_long == by_lateral, 1, np.where(by_long > by_lateral, 2, 3)).astype(np.uint8)
 

@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
+
 HEAD: Final = b"\x00\x01\x00\x00"
 LINE: Final = "=" * 80
 
@@ -106,7 +108,7 @@ class Message:
         turn = (0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
         return self.number("d", x, y, 0.0, *turn)
 
-    def covariance(self, of_pose: NDArray[np.float64] | None) -> Message:
+    def covariance(self, of_pose: Floats | None) -> Message:
         """Append the 36 numbers of a covariance of x, y, theta, shape (3, 3); None: all 0."""
         full = np.zeros((6, 6))
         if of_pose is not None:
@@ -124,9 +126,7 @@ def occupancy_grid(
     return message.small(values.ravel()).encoded()
 
 
-def path(
-    seconds: float, poses: NDArray[np.float64], stamps: NDArray[np.float64], frame: str
-) -> bytes:
+def path(seconds: float, poses: Floats, stamps: Floats, frame: str) -> bytes:
     """Encode a nav_msgs/Path of poses (N, 3), stamped (N,) seconds after the path itself."""
     message = Message().header(seconds, frame).number("I", len(poses))
     for pose, stamp in zip(poses.tolist(), stamps.tolist(), strict=True):
@@ -139,9 +139,7 @@ def pose_stamped(seconds: float, pose: Pose, frame: str) -> bytes:
     return Message().header(seconds, frame).pose(pose).encoded()
 
 
-def pose_with_covariance(
-    seconds: float, pose: Pose, covariance: NDArray[np.float64], frame: str
-) -> bytes:
+def pose_with_covariance(seconds: float, pose: Pose, covariance: Floats, frame: str) -> bytes:
     """Encode a geometry_msgs/PoseWithCovarianceStamped."""
     return Message().header(seconds, frame).pose(pose).covariance(covariance).encoded()
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 
 LAYERS: Final = ("level", "major_radius", "minor_radius", "direction", "zone", "judged")
@@ -26,9 +26,7 @@ USER_DEFINED, PIXEL_IS_AREA, METRE = 32767, 1, 9001
 NAME: Final = "ambinav map frame: local, x right, y up, metres|"
 
 
-def save_geotiff(
-    path: Path, bands: NDArray[np.float32], raster: Raster, names: Sequence[str]
-) -> None:
+def save_geotiff(path: Path, bands: Floats32, raster: Raster, names: Sequence[str]) -> None:
     """Write float32 bands, shape (B, ny, nx), row 0 at the smallest y, nan where there is no value.
 
     The image has its first row at the top, as GeoTIFF has it, and no geographic reference: its

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.logs.drive_table import load_drive
 from ambinav.logs.export import load_tum
 from ambinav.logs.export_drive import RecordedDrive
-from ambinav.maps.ambiguity_map import AmbiguityMap, Floats
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.files import load_route
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 
 STEP: Final = 0.05
@@ -90,9 +90,7 @@ def check_on_floor(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
     _refuse(amap, poses, path, ~free, "not on the free floor of")
 
 
-def _refuse(
-    amap: AmbiguityMap, poses: Floats, path: Path, bad: NDArray[np.bool_], where: str
-) -> None:
+def _refuse(amap: AmbiguityMap, poses: Floats, path: Path, bad: Bools, where: str) -> None:
     if bad.any():
         k = int(bad.argmax())
         xmin, ymin, xmax, ymax = amap.bounds

@@ -20,6 +20,7 @@ from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.logs.export_drive import RecordedDrive
 from ambinav.routes.files import FRAME
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 ODOMETRY_FRAME: Final = "odom"
@@ -33,7 +34,7 @@ LATCHED: Final = ("nav_msgs/OccupancyGrid", "nav_msgs/Path", "tf2_msgs/TFMessage
 
 Send = Callable[[str, str, float, bytes], None]
 """Takes topic, message type, seconds and the encoded message."""
-Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]
+Trajectory = tuple[Floats, Floats]
 """Seconds, shape (N,), and poses, shape (N, 3)."""
 
 
@@ -98,7 +99,7 @@ def _read_drive(export: MapExport, path: Path) -> RecordedDrive | Trajectory:
     return drive
 
 
-def _times(drive: RecordedDrive | Trajectory) -> NDArray[np.float64]:
+def _times(drive: RecordedDrive | Trajectory) -> Floats:
     return drive.time if isinstance(drive, RecordedDrive) else drive[0]
 
 

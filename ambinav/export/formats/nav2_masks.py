@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from ambinav.export.formats.nav2_launch import launch_file
 from ambinav.export.occupancy import save_map_server
@@ -22,6 +21,7 @@ from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps import schema
 from ambinav.maps.zones import OPEN, ZONES
+from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 
 # In mode raw nothing is compared with them, but map_server's readers want them there.
@@ -92,7 +92,7 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
     }
 
 
-def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
+def marked(export: MapExport, usual: tuple[str, ...]) -> Bytes:
     """Return 100 in the named zones, or where a layer reaches a threshold; 0 elsewhere.
 
     Floor that is not judged (unexplored or out of reach) is not marked.
@@ -113,7 +113,7 @@ def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
     return np.where(mask, MARKED, 0).astype(np.uint8)
 
 
-def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
+def graded(export: MapExport, most: float) -> Bytes:
     """Scale a layer from 0 to 1 to 0 to `most`, 0 off the judged floor, uint8, (ny, nx).
 
     Raises:
@@ -129,9 +129,7 @@ def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
     return np.rint(np.clip(values, 0.0, 1.0) * most).astype(np.uint8)
 
 
-def _save(
-    export: MapExport, path: Path, mask: NDArray[np.uint8], info: FilterInfo
-) -> tuple[Path, ...]:
+def _save(export: MapExport, path: Path, mask: Bytes, info: FilterInfo) -> tuple[Path, ...]:
     if not mask.any():
         export.note_empty(path, "no judged floor of the map is to be marked")
     written = save_map_server(path, mask, Raster.of_map(export.amap), "raw", **RAW)

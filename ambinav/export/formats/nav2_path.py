@@ -13,9 +13,9 @@ import yaml
 from ambinav.export.formats.inputs import STEP, only_route
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
-from ambinav.maps.ambiguity_map import Floats
 from ambinav.routes.files import path_message, stamps_along
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 
 
 def dense_poses(route: Route, step: float = STEP) -> Floats:

@@ -10,20 +10,18 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.options import MapExport
-from ambinav.export.raster import Mask, Raster
+from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 
 NO_ZONES: Final = "no judged floor of the map lies in the zones"
 LEAST_AREA: Final = 0.5
 """Smaller pieces are left out where nobody says otherwise, square metres."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Piece:
         return major, minor, math.atan2(vectors[1, 1], vectors[0, 1]) % math.pi
 
 
-def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: float) -> list[Piece]:
+def pieces(mask: Bools, raster: Raster, grid: Floats32, least_area: float) -> list[Piece]:
     """Return the connected pieces of a mask (ny, nx) of at least an area, the largest first.
 
     Args:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.collision.forbidden import is_forbidden
 from ambinav.geometry.collision.obstacles import Arrays, pack
@@ -19,6 +19,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 
@@ -30,9 +31,6 @@ WALL_DEPTH = 0.3
 # A point this near to a fitted segment, metres, lies on it.
 SAME_LINE = 1e-6
 BLOCK = 20_000
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 
 class CollisionChecker:
@@ -80,7 +78,7 @@ class CollisionChecker:
         footprint: Footprint,
         steering: Steering,
         *,
-        forbidden: NDArray[np.bool_] | None = None,
+        forbidden: Bools | None = None,
         origin: tuple[float, float] = (0.0, 0.0),
         spacing: float = 1.0,
         simulated: bool = False,

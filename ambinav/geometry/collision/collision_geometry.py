@@ -19,11 +19,11 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import edges_of
+from ambinav.runtime.array_types import Floats, Indices, Ints
 from ambinav.runtime.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
@@ -36,8 +36,6 @@ ROUNDING: Final = 1e-9
 LONGEST, PATIENCE = 96, 12
 # Separate pieces below this area, in cells, may be left out.
 SMALL_CELLS: Final = 200.0
-
-Floats = NDArray[np.float64]
 
 
 def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | None:
@@ -66,9 +64,7 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
     return cut_notches(shapely.multipolygons(np.delete(parts, thin)), depth)
 
 
-def intruding_cells(
-    grid: OccupancyGrid, free: BaseGeometry
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def intruding_cells(grid: OccupancyGrid, free: BaseGeometry) -> tuple[Indices, Indices]:
     """Return rows and columns of the occupied cells whose inside meets `free` (map frame)."""
     x0, y0, yaw = grid.origin
     c, s = math.cos(yaw), math.sin(yaw)
@@ -129,9 +125,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     return cut if cut.is_valid else space
 
 
-def _undo_crossed_bridges(
-    xy: Floats, first: NDArray[np.intp], ring: NDArray[np.intp], after: NDArray[np.int64]
-) -> None:
+def _undo_crossed_bridges(xy: Floats, first: Indices, ring: Indices, after: Ints) -> None:
     """Undo, in place, bridges over notches that another corner reaches into."""
     start = np.flatnonzero(after >= 0)
     count = np.diff(first)[ring[start]]

@@ -10,10 +10,10 @@ import math
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -39,9 +39,8 @@ FAR = 2.0
 # Subtracted from the clearances, metres, so that they stay lower bounds in float32.
 ROUNDING = 1e-6
 
-Floats = NDArray[np.float64]
-Arrays = tuple[Floats, NDArray[np.float32], NDArray[np.bool_]]
-Lattice = tuple[float, float, float, NDArray[np.float32]]
+Arrays = tuple[Floats, Floats32, Bools]
+Lattice = tuple[float, float, float, Floats32]
 
 # Checkers of one building share it: its clearances are most of what a checker costs.
 _lattices: WeakKeyDictionary[Environment, Lattice] = WeakKeyDictionary()
@@ -51,7 +50,7 @@ def pack(
     environment: Environment,
     footprint: Footprint,
     turns: bool,
-    forbidden: NDArray[np.bool_] | None,
+    forbidden: Bools | None,
     origin: tuple[float, float],
     spacing: float,
 ) -> Arrays:

@@ -26,6 +26,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.array_types import Bools
 from ambinav.runtime.errors import InputError, InputWarning
 
 Box = tuple[float, float, float, float]
@@ -71,11 +72,11 @@ class Reach:
     margins: BaseGeometry
     notes: tuple[str, ...]
 
-    def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+    def reaches(self, x: ArrayLike, y: ArrayLike) -> Bools:
         """Return whether the disc can reach these points; metres, broadcast."""
         return _contains(self.floor, x, y)
 
-    def has_room(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+    def has_room(self, x: ArrayLike, y: ArrayLike) -> Bools:
         """Return whether the disc fits at these points, reachable or not; metres, broadcast."""
         return _contains(self.fits, x, y)
 
@@ -269,7 +270,7 @@ def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
     return shapely.union_all(pieces)
 
 
-def frontier_lines(environment: Environment) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
+def frontier_lines(environment: Environment) -> tuple[NDArray[np.object_], Bools]:
     """Return frontiers to unknown space as lines, (N,), and which lie on the map's rim."""
     segments = environment.segments
     lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
@@ -345,7 +346,7 @@ def _checked_start(
     )
 
 
-def _contains(shape: BaseGeometry, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+def _contains(shape: BaseGeometry, x: ArrayLike, y: ArrayLike) -> Bools:
     return np.asarray(shapely.contains_xy(shape, *np.broadcast_arrays(x, y)), dtype=np.bool_)
 
 

@@ -12,9 +12,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.collision.upright_cylinder import cylinder_meets
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -22,8 +23,6 @@ CELL: Final = 0.5
 """Edge of a cell in which triangles are looked up, metres."""
 # Cells of the grid at the most; in larger buildings they are larger.
 _MOST_CELLS: Final = 2_000_000
-
-Floats = NDArray[np.float64]
 
 
 class SphereChecker:
@@ -74,13 +73,13 @@ class SphereChecker:
             return f"radius of {self.radius:g} m"
         return f"radius of {self.radius:g} m and half height of {self.half_height:g} m"
 
-    def motions_free(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.bool_]:
+    def motions_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
         """Return whether straight motions from a to b, (N, 3) each, are free; shape (N,)."""
         ends = np.concatenate(np.broadcast_arrays(np.atleast_2d(a), np.atleast_2d(b)), axis=1)
         rows = np.asarray(ends, dtype=np.float64)
         return np.array([sphere_free(*row, *self.arrays) for row in rows], dtype=np.bool_)
 
-    def free(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def free(self, points: ArrayLike) -> Bools:
         """Return whether the body is free at points, shape (N, 3), metres; shape (N,)."""
         return self.motions_free(points, points)
 

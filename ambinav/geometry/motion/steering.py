@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.motion.curves import DUBINS as DUBINS
 from ambinav.geometry.motion.curves import FACING as FACING
 from ambinav.geometry.motion.curves import REEDS_SHEPP as REEDS_SHEPP
 from ambinav.geometry.motion.curves import STRAIGHT as STRAIGHT
 from ambinav.geometry.motion.curves import advance, curve_pieces, motion_length
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 MOST_POINTS: Final = 50_000_000
 """Points that a route is sampled at, at the most."""
@@ -97,7 +96,7 @@ class Steering:
         run_rows(_lengths, len(a), self.kind, self.kernel_radius, a, b, out, least=least)
         return out
 
-    def dense(self, poses: ArrayLike, step: float) -> tuple[Floats, NDArray[np.int32], Floats]:
+    def dense(self, poses: ArrayLike, step: float) -> tuple[Floats, Ints32, Floats]:
         """Sample points along a whole route, at most `step` apart.
 
         Both ends of every motion and of every piece of a curve are among them, so a vertex is
@@ -178,7 +177,7 @@ def checked_poses(poses: ArrayLike, name: str) -> Floats:
     return out
 
 
-def _nothing() -> tuple[Floats, NDArray[np.int32], Floats]:
+def _nothing() -> tuple[Floats, Ints32, Floats]:
     """Return empty arrays, with which `_trace_all` only counts."""
     return np.empty((0, 3)), np.empty(0, dtype=np.int32), np.empty(0)
 

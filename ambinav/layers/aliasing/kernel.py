@@ -9,22 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ambinav.ambiguity.gaussian import (
-    F0,
-    F1,
-    FAST,
-    PER_STEP,
-    QUARTER,
-    Z_TOP,
-    D,
-    S,
-    T,
-    U,
-    X,
-    Y,
-)
+from ambinav.ambiguity.gaussian import F0, F1, FAST, PER_STEP, QUARTER, Z_TOP, D, S, T, U, X, Y
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
 from ambinav.ambiguity.pair import compare
 from ambinav.layers.aliasing.scans import Scans
@@ -38,6 +24,7 @@ from ambinav.layers.aliasing.sieve import (
 )
 from ambinav.layers.aliasing.signature import SLACK, Signatures, slides
 from ambinav.layers.aliasing.tree import Tree
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES
 from ambinav.runtime.threads import run_rows
@@ -50,7 +37,7 @@ RINGS = 4
 SIFTED, COUNTED, COMPARED, ALIKE = range(4)
 ENOUGH = 0.5
 """Share of the threshold up to which evidence left at the full reach is not divided into rings."""
-Rows = tuple[NDArray[np.float32], tuple[NDArray[np.float32], ...]]
+Rows = tuple[Floats32, tuple[Floats32, ...]]
 # float32 sums may be off by this share of the threshold; what is nearer to it is compared.
 ROUNDING = 1e-3
 
@@ -213,14 +200,14 @@ class ScanArrays(NamedTuple):
         cell_variance: See `Scans`.
     """
 
-    wide: NDArray[np.float32]
-    orbits: tuple[NDArray[np.float32], ...]
-    beams: tuple[NDArray[np.float32] | None, ...]
-    known: NDArray[np.bool_]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    region: NDArray[np.int32]
+    wide: Floats32
+    orbits: tuple[Floats32, ...]
+    beams: tuple[Floats32 | None, ...]
+    known: Bools
+    x: Floats
+    y: Floats
+    heading: Floats
+    region: Ints32
     turns: int
     tau: float
     cell_variance: tuple[float, float]
@@ -313,17 +300,17 @@ def _search(
 
 
 def search(
-    poses: NDArray[np.int32],
-    bundles: NDArray[np.intp],
+    poses: Ints32,
+    bundles: Indices,
     scans: Scans,
     rows: Rows,
     signatures: Signatures,
     tree: Tree,
-    place: NDArray[np.int32],
+    place: Ints32,
     radius: float,
     threshold: float,
     count: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Floats, Floats, Ints]:
     """Search for the poses aliased with some poses.
 
     Args:

@@ -45,7 +45,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.aliasing.kernel import COMPARED, orbit_rows, search
 from ambinav.layers.aliasing.scans import Scans
@@ -53,9 +52,8 @@ from ambinav.layers.aliasing.signature import Signatures
 from ambinav.layers.aliasing.tree import Tree
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices, Ints, Ints32
 from ambinav.runtime.errors import InputError
-
-Floats = NDArray[np.float64]
 
 LEAST_LIKENESS = 0.01
 # Poses searched for in one call of the kernel.
@@ -78,10 +76,10 @@ class AliasedPoses:
             count, gap, and, of these compared in full, the alike ones; int64, shape (4,).
     """
 
-    share: NDArray[np.float64]
-    area: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    left: NDArray[np.int64]
+    share: Floats
+    area: Floats
+    poses: Floats
+    left: Ints
 
     @property
     def compared(self) -> int:
@@ -94,8 +92,8 @@ def aliased_poses(
     count: int = 1,
     *,
     least: float = LEAST_LIKENESS,
-    place: NDArray[np.int32] | None = None,
-    sought: NDArray[np.bool_] | None = None,
+    place: Ints32 | None = None,
+    sought: Bools | None = None,
     report: Callable[[float], None] | None = None,
 ) -> AliasedPoses:
     """Find the poses aliased with each pose of a map.
@@ -163,7 +161,7 @@ def aliased_poses(
     )
 
 
-def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+def _bundles(scans: Scans, explored: Indices) -> list[Indices]:
     """Group poses of one heading in the same square, whose scans are nearly the same."""
     x, y = scans.x[explored], scans.y[explored]
     square = np.column_stack([scans.heading[explored], *squares(x, y, scans.spacing)])
@@ -178,7 +176,7 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
     return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
 
-def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
+def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, Floats32]:
     """Compute the layer and its companions; `least` as in `aliased_poses`."""
     alike = aliased_poses(context, least=least)
     best = alike.poses[:, :, 0]

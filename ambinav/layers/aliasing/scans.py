@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.returns import BLIND
 from ambinav.layers.context import LayerContext
 from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices, Ints32
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +49,20 @@ class Scans:
         ranges: How many of the beams are ranges: a pose without echoes is explored all the same.
     """
 
-    data: NDArray[np.float32]
-    limit: NDArray[np.float32]
-    inverse_cap: NDArray[np.float32]
-    use: NDArray[np.float32]
-    evidence: NDArray[np.float32] | None
-    softness: NDArray[np.float32]
-    variance: NDArray[np.float64]
+    data: Floats32
+    limit: Floats32
+    inverse_cap: Floats32
+    use: Floats32
+    evidence: Floats32 | None
+    softness: Floats32
+    variance: Floats
     turns: int
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    cell: NDArray[np.int32]
-    possible: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    x: Floats
+    y: Floats
+    heading: Floats
+    cell: Ints32
+    possible: Bools
+    known: Bools
     cell_variance: tuple[float, float]
     tau: float
     spacing: float
@@ -125,13 +125,13 @@ class Scans:
         return len(self.variance)
 
     @property
-    def explored(self) -> NDArray[np.bool_]:
+    def explored(self) -> Bools:
         """Possible poses where fewer than half of the beams end in unknown space, shape (N,)."""
         known = self.known[:, : self.ranges].mean(axis=1)
         return np.asarray(self.possible & (1.0 - known < UNEXPLORED))
 
 
-def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:
+def _orbits(around: Indices) -> Indices:
     """Return the beams one orbit after the other, each in the order of the turns."""
     left, order = set(range(around.shape[1])), []
     while left:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
@@ -13,9 +12,8 @@ from ambinav.ambiguity.returns import BLIND, beam_returns
 from ambinav.layers.aliasing.kernel import approach
 from ambinav.layers.context import LayerContext
 from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.array_types import Floats, Floats32, Indices
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 ROUNDS = 4
 """Casts of each aliased pose. Twins that are known to the millimetre are met after two or three."""
@@ -51,7 +49,7 @@ def settle(context: LayerContext, aliased: Floats) -> Floats:
     return np.take_along_axis(settled, order[..., np.newaxis], axis=2)
 
 
-def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike: Floats) -> Floats:
+def settle_at(context: LayerContext, heading: int, cell: Indices, alike: Floats) -> Floats:
     """Move each of M aliased poses to where it is most alike.
 
     Args:
@@ -80,9 +78,7 @@ def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike
     return entries
 
 
-def _settle(
-    context: LayerContext, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
-) -> Floats:
+def _settle(context: LayerContext, scans: Floats32, cell: Indices, poses: Floats) -> Floats:
     """Refine aliased poses, (M, 3), of the cells `cell`, (M,); return pose and likeness, (M, 4)."""
     table, model = context.table, context.model
     beams = table.beams

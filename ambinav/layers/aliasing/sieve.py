@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.gaussian import U
 from ambinav.layers.aliasing.signature import Signatures
 from ambinav.layers.aliasing.tree import Tree
+from ambinav.runtime.array_types import Bytes, Indices, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 
 CHECK = 12
@@ -25,7 +26,7 @@ CHECK = 12
 class SignatureArrays(NamedTuple):
     """Arrays of `Signatures` for the kernels, and the stride in which beams are counted."""
 
-    code: NDArray[np.uint8]
+    code: Bytes
     above: NDArray[np.int16]
     blind: NDArray[np.int16]
     odd: int
@@ -53,19 +54,19 @@ class TreeArrays(NamedTuple):
         turn: See `Tree`.
     """
 
-    skip: NDArray[np.int32]
-    first: NDArray[np.int32]
-    last: NDArray[np.int32]
+    skip: Ints32
+    first: Ints32
+    last: Ints32
     low: NDArray[np.int16]
     high: NDArray[np.int16]
     block_low: NDArray[np.int16]
     block_high: NDArray[np.int16]
-    lows: NDArray[np.uint8]
-    widths: NDArray[np.uint8]
-    offset: NDArray[np.int64]
-    owner: NDArray[np.int32]
-    filled: NDArray[np.intp]
-    turn: NDArray[np.int32]
+    lows: Bytes
+    widths: Bytes
+    offset: Ints
+    owner: Ints32
+    filled: Indices
+    turn: Ints32
 
     @classmethod
     def of(cls, tree: Tree) -> TreeArrays:

@@ -55,6 +55,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.layers.aliasing.scans import Scans
+from ambinav.runtime.array_types import Bools, Bytes, Floats32
 
 SURE = 0.95
 """Share of its cap from which a beam is odd: the margin grows fast beyond, the cost does not."""
@@ -80,9 +81,9 @@ class Signatures:
         odd: How many beams of two scans that are alike may differ clearly.
     """
 
-    code: NDArray[np.uint8]
-    low: NDArray[np.uint8]
-    high: NDArray[np.uint8]
+    code: Bytes
+    low: Bytes
+    high: Bytes
     above: NDArray[np.int16]
     low_above: NDArray[np.int16]
     high_above: NDArray[np.int16]
@@ -119,7 +120,7 @@ class Signatures:
             else [0]
         )
 
-        def above(values: NDArray[np.uint8], mask: NDArray[np.bool_] | bool) -> NDArray[np.int16]:
+        def above(values: Bytes, mask: Bools | bool) -> NDArray[np.int16]:
             counts = [((values > level) & mask).sum(axis=1) for level in levels]
             return np.stack(counts, axis=1).astype(np.int16)
 
@@ -135,7 +136,7 @@ class Signatures:
         )
 
 
-def slides(scans: Scans) -> NDArray[np.float32]:
+def slides(scans: Scans) -> Floats32:
     """Compute sd_b: how far a standard offset in the cell moves each beam, metres, (N, padded)."""
     at, turn = scans.cell_variance
     x, y, t = scans.data[:, 1], scans.data[:, 2], scans.data[:, 3]

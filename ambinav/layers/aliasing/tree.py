@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.layers.aliasing.signature import Signatures
+from ambinav.runtime.array_types import Bytes, Indices, Ints, Ints32
 
 LEAF = 16
 LANES = 32
@@ -42,21 +43,21 @@ class Tree:
         turn: k of each lane, int32, shape (W,).
     """
 
-    skip: NDArray[np.int32]
-    first: NDArray[np.int32]
-    last: NDArray[np.int32]
+    skip: Ints32
+    first: Ints32
+    last: Ints32
     node_low: NDArray[np.int16]
     node_high: NDArray[np.int16]
     block_low: NDArray[np.int16]
     block_high: NDArray[np.int16]
-    low: NDArray[np.uint8]
-    width: NDArray[np.uint8]
-    offset: NDArray[np.int64]
-    pose: NDArray[np.int32]
-    turn: NDArray[np.int32]
+    low: Bytes
+    width: Bytes
+    offset: Ints
+    pose: Ints32
+    turn: Ints32
 
     @classmethod
-    def over(cls, signatures: Signatures, poses: NDArray[np.intp], turns: int) -> Tree:
+    def over(cls, signatures: Signatures, poses: Indices, turns: int) -> Tree:
         """Build a tree over the given poses, at least one.
 
         Args:
@@ -68,7 +69,7 @@ class Tree:
         size = LEAF if turns > 1 else LANES
         tree = cKDTree(0.5 * (bottom + top.astype(np.float64)), leafsize=size)
         nodes = _walk(tree.tree)
-        groups: list[NDArray[np.intp]] = []
+        groups: list[Indices] = []
         skip, first, last = [], [], []
         span = 1 if turns > 1 else LANES
         for node, after in nodes:
@@ -118,7 +119,7 @@ def _walk(root: Any) -> list[tuple[Any, int]]:
     return nodes
 
 
-def _doubled(values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int) -> NDArray[np.uint8]:
+def _doubled(values: Bytes, pose: Ints32, turns: int) -> Bytes:
     """Repeat each orbit twice in a row, so that n turns of a beam are contiguous; (G, 2 B + W)."""
     orbits = values[pose[:, 0]].reshape(len(pose), -1, turns)
     twice = np.concatenate([orbits, orbits], axis=2).reshape(len(pose), -1)
@@ -126,8 +127,6 @@ def _doubled(values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int) -> 
     return np.pad(twice, ((0, 0), (0, pose.shape[1])))
 
 
-def _side_by_side(
-    values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int
-) -> NDArray[np.uint8]:
+def _side_by_side(values: Bytes, pose: Ints32, turns: int) -> Bytes:
     """Arrange beam after beam, of all poses of a block; (G, B LANES)."""
     return np.ascontiguousarray(values[pose].transpose(0, 2, 1).reshape(len(pose), -1))

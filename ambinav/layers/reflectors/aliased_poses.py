@@ -20,15 +20,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.reflectors.targets import Targets
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 APART: Final = 0.5
 """A pose is wrong that is farther away than this, metres,"""
@@ -48,14 +45,14 @@ class Motions:
     """
 
     of: Floats
-    onto: NDArray[np.int32]
+    onto: Ints32
 
     def __len__(self) -> int:
         """Return the number of motions."""
         return len(self.of)
 
 
-def find_motions(targets: Targets, together: Mask, tolerance: float, needed: int) -> Motions:
+def find_motions(targets: Targets, together: Bools, tolerance: float, needed: int) -> Motions:
     """Find the motions that map at least `needed` reflectors onto reflectors.
 
     Args:
@@ -84,8 +81,8 @@ def find_motions(targets: Targets, together: Mask, tolerance: float, needed: int
 
 
 def margins(
-    lattice: Lattice, possible: Mask, headings: Floats, seen: Mask, motions: Motions
-) -> NDArray[np.int32]:
+    lattice: Lattice, possible: Bools, headings: Floats, seen: Bools, motions: Motions
+) -> Ints32:
     """Count the reflectors in view that the best wrong pose does not explain.
 
     Args:

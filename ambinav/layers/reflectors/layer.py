@@ -9,13 +9,13 @@ where fewer than needed are seen.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.context import LayerContext
 from ambinav.layers.reflectors.positioning import Site
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, why_no_reflectors
 from ambinav.layers.registry import Layer
+from ambinav.runtime.array_types import Floats32
 
 
 def reflectors(
@@ -25,7 +25,7 @@ def reflectors(
     max_range: float | None = None,
     max_incidence: float = 45.0,
     tolerance: float = 0.1,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Floats32]:
     """Compute the layer and its companions.
 
     Args:

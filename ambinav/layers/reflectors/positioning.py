@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -14,10 +13,8 @@ from ambinav.layers.reflectors.aliased_poses import find_motions, margins
 from ambinav.layers.reflectors.precision import position_stds
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, sees_all_around
+from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,33 +31,33 @@ class Positioning:
         rules: What the robot needs.
     """
 
-    count: NDArray[np.int32]
+    count: Ints32
     std: Floats
-    margin: NDArray[np.int32]
-    possible: Mask
+    margin: Ints32
+    possible: Bools
     rules: ReflectorRules
 
     @property
-    def enough(self) -> Mask:
+    def enough(self) -> Bools:
         """Where enough reflectors are in view at every heading, shape (P,)."""
         return self._at_all(self.count >= self.rules.needed)
 
     @property
-    def unique(self) -> Mask:
+    def unique(self) -> Bools:
         """Where they are enough, and no wrong pose explains all of them, shape (P,)."""
         return self._at_all(self.margin > 0)
 
     @property
-    def precise(self) -> Mask:
+    def precise(self) -> Bools:
         """Where the position is as precise as needed, shape (P,)."""
         return self._at_all(self.std <= self.rules.max_std)
 
     @property
-    def good(self) -> Mask:
+    def good(self) -> Bools:
         """Where the robot can navigate by reflectors, shape (P,)."""
         return self.enough & self.unique & self.precise
 
-    def _at_all(self, holds: Mask) -> Mask:
+    def _at_all(self, holds: Bools) -> Bools:
         return np.asarray((holds | ~self.possible).all(axis=1))
 
 
@@ -82,7 +79,7 @@ class Site:
     scanner: RangeScanner
     lattice: Lattice
     headings: Floats
-    possible: Mask
+    possible: Bools
     map_std: float
     rules: ReflectorRules
 
@@ -101,7 +98,7 @@ class Site:
             rules,
         )
 
-    def coarser(self, spacing: float) -> tuple[Site, NDArray[np.int64]]:
+    def coarser(self, spacing: float) -> tuple[Site, Ints]:
         """Return the site on every n-th row and column, at most so far apart, metres.
 
         And the numbers of its points among those of this site.
@@ -123,12 +120,12 @@ class Site:
             [np.repeat(x, count), np.repeat(y, count), np.tile(self.headings, len(x))]
         )
 
-    def views(self, targets: Targets) -> Mask:
+    def views(self, targets: Targets) -> Bools:
         """Return which reflectors are in view, shape (P, H, L)."""
         seen = seen_reflectors(self.environment, self.scanner, targets, self.poses, self.rules)
         return seen.reshape(*self.possible.shape, len(targets))
 
-    def positioning(self, targets: Targets, seen: Mask) -> Positioning:
+    def positioning(self, targets: Targets, seen: Bools) -> Positioning:
         """Return counts, precision and margins by these reflectors.
 
         Args:

@@ -13,22 +13,20 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.layers.reflectors.views import beam_directions
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 RANGES: Final = 200
 """Ranges at which the deviation of a reading is tabulated."""
 
 
 def position_stds(
-    scanner: RangeScanner, map_std: float, targets: Targets, poses: Floats, seen: NDArray[np.bool_]
+    scanner: RangeScanner, map_std: float, targets: Targets, poses: Floats, seen: Bools
 ) -> Floats:
     """Compute the standard deviation of the position along its worst direction, metres.
 

@@ -13,8 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats, Indices, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +28,7 @@ class Targets:
 
     middle: Floats
     edges: Floats
-    first: NDArray[np.int64]
+    first: Ints
 
     def __len__(self) -> int:
         """Return the number of reflectors."""
@@ -65,18 +64,16 @@ class Targets:
             np.concatenate([self.first, self.first[-1] + other.first[1:]]),
         )
 
-    def among(self, numbers: NDArray[np.int64]) -> Targets:
+    def among(self, numbers: Ints) -> Targets:
         """Return those with the given numbers."""
         spans = [slice(self.first[k], self.first[k + 1]) for k in numbers.tolist()]
         edges = [self.edges[span] for span in spans]
         return Targets(
-            self.middle[numbers],
-            _joined(edges),
-            np.cumsum([0, *map(len, edges)], dtype=np.int64),
+            self.middle[numbers], _joined(edges), np.cumsum([0, *map(len, edges)], dtype=np.int64)
         )
 
 
-def _touching(pieces: NDArray[np.object_]) -> NDArray[np.intp]:
+def _touching(pieces: NDArray[np.object_]) -> Indices:
     """Return the group of each line, from 0 on; lines that touch are of one."""
     first, second = shapely.STRtree(pieces).query(pieces, predicate="intersects")
     size = len(pieces)

@@ -16,18 +16,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.raycast import cast_one
 from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.geometry.environment import Environment
 from ambinav.layers.reflectors.targets import Targets
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 HIDDEN: Final = 1e-3
 """Metres: what is nearer than a reflector by less does not hide it."""
@@ -91,7 +89,7 @@ def seen_reflectors(
     targets: Targets,
     poses: Floats,
     rules: ReflectorRules,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return which reflectors are recognised from each pose.
 
     Args:
@@ -140,7 +138,7 @@ class _Head:
 
     x: float
     y: float
-    sector: NDArray[np.bool_]
+    sector: Bools
     step: float
     near: float
     far: float

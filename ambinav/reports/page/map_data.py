@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.colors import LogNorm
-from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -27,6 +26,7 @@ from ambinav.reports.page.rasters import (
     base64_of,
     encode,
 )
+from ambinav.runtime.array_types import Bytes, Floats32
 from ambinav.sensing.scanner import RangeScanner
 
 LAYERS: Final = ("level", "major_radius", "minor_radius", "clearance", "direction")
@@ -97,7 +97,7 @@ def map_data(
 
 
 def _raster(
-    amap: AmbiguityMap, name: str, heading: str | float, window: Window, codes: NDArray[np.uint8]
+    amap: AmbiguityMap, name: str, heading: str | float, window: Window, codes: Bytes
 ) -> dict[str, Any]:
     """Return a layer with its values and the scale for drawing them."""
     data = amap.floor(name, heading)
@@ -127,9 +127,7 @@ def _raster(
     }
 
 
-def floor_classes(
-    amap: AmbiguityMap, heading: str | float, parts: JudgedFloor
-) -> NDArray[np.uint8]:
+def floor_classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> Bytes:
     """Return the zone of each cell that counts, and the class of the others; see `rasters`."""
     zone = amap.floor("zone", heading).values
     codes = np.where(amap.solid, SOLID, UNKNOWN).astype(np.uint8)
@@ -165,7 +163,7 @@ def _rays(scanner: RangeScanner | None) -> dict[str, Any]:
         start = base64_of(np.zeros(1, dtype=np.int32))
         return {"start": start, **{name: base64_of(empty) for name in names}}
     rays = scanner.rays()
-    limits: Sequence[NDArray[np.float32]] = (rays.max_range, rays.max_incidence)
+    limits: Sequence[Floats32] = (rays.max_range, rays.max_incidence)
     far, steep = (np.minimum(limit, FARTHEST).astype(np.float32) for limit in limits)
     return {
         "origin": base64_of(rays.origin.astype(np.float32)),

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, Indices
+
 Codes = NDArray[np.uint8]
 
 LEVELS: Final = 65534
@@ -35,8 +36,8 @@ class Window:
         block: Cells along the side of a block.
     """
 
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    rows: Indices
+    columns: Indices
     bounds: tuple[float, float, float, float]
     block: int
 
@@ -46,7 +47,7 @@ class Window:
         x: Floats,
         y: Floats,
         spacing: float,
-        free: NDArray[np.bool_],
+        free: Bools,
         level: Floats,
         most: int | None = None,
     ) -> Window:

@@ -91,8 +91,7 @@ async def post_audit(
         int | None, Form(description="Number of headings; none: the scanner decides", ge=1, le=360)
     ] = None,
     level: Annotated[
-        str | None,
-        Form(description="Floor of a plan with several, by name or position from 0 on"),
+        str | None, Form(description="Floor of a plan with several, by name or position from 0 on")
     ] = None,
     unit: Annotated[
         Literal["m", "cm", "mm", "in", "ft"] | None,

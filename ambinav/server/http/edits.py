@@ -141,10 +141,7 @@ class Edited(BaseModel):
 
 Session = Annotated[
     str | None,
-    Query(
-        description="Any name; only the latest edit of a session is computed",
-        pattern=NAME,
-    ),
+    Query(description="Any name; only the latest edit of a session is computed", pattern=NAME),
 ]
 
 

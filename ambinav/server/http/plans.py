@@ -176,11 +176,7 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
 
 
 @router.post(
-    "/plans",
-    summary="Start a plan",
-    status_code=202,
-    response_model=PlanInfo,
-    responses=_ANSWERS,
+    "/plans", summary="Start a plan", status_code=202, response_model=PlanInfo, responses=_ANSWERS
 )
 async def post_plans(request: Request, id: str, content: KeptPlanRequest) -> Response:
     """Start a plan whose result is kept; `GET /v1/plans/ID` has it when it is done.

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Final, TypeVar
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
-from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 from starlette.responses import Response
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.server.http.context import Context, context_of
 from ambinav.server.http.models import (
@@ -30,7 +30,6 @@ from ambinav.server.problems import Problem, answers, invalid
 from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, unpacked
 
-Floats = NDArray[np.float64]
 Model = TypeVar("Model", bound=BaseModel)
 
 router = APIRouter(prefix="/v1/maps/{id}", tags=["poses"])
@@ -63,7 +62,7 @@ def _body_schema(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> 
                     }
                 },
             },
-        },
+        }
     }
 
 
@@ -86,16 +85,12 @@ Weight = Annotated[
 X = Annotated[float, Query(description="Metres, map frame")]
 Y = Annotated[float, Query(description="Metres, map frame")]
 Theta = Annotated[
-    float | None,
-    Query(description="Radians; needed where the layer depends on the heading"),
+    float | None, Query(description="Radians; needed where the layer depends on the heading")
 ]
 
 
 @router.get(
-    "/cost",
-    summary="Cost of a pose",
-    response_model=OneCost,
-    responses=answers(401, 404, 422),
+    "/cost", summary="Cost of a pose", response_model=OneCost, responses=answers(401, 404, 422)
 )
 async def get_cost(
     request: Request,
@@ -259,10 +254,7 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> flo
     circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
     metres = float(np.sum(straight[np.isfinite(straight)] + circles))
     if metres > most:
-        raise Problem(
-            413,
-            f"The steps travel {metres:.3g} m; send at most {most:.3g} m at a time.",
-        )
+        raise Problem(413, f"The steps travel {metres:.3g} m; send at most {most:.3g} m at a time.")
     return metres
 
 

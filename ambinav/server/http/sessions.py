@@ -53,10 +53,7 @@ async def _original(request: Request, id: str) -> tuple[Context, ServedMap]:
 
 
 @router.get(
-    "",
-    summary="A session of edits",
-    response_model=Session,
-    responses=answers(401, 404, 422),
+    "", summary="A session of edits", response_model=Session, responses=answers(401, 404, 422)
 )
 async def get_session(request: Request, id: str, session: Name) -> Response:
     """Return the steps of a session; it has none before its first edit.

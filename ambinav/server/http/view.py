@@ -14,15 +14,7 @@ from ambinav.maps.zones import MEANINGS, NOT_FREE, ZONES
 from ambinav.server.http.context import context_of
 from ambinav.server.http.describe import map_detail, map_info
 from ambinav.server.http.etag import is_known
-from ambinav.server.http.models import (
-    MapDetail,
-    MapList,
-    Nearest,
-    Place,
-    PoseValues,
-    Scan,
-    as_json,
-)
+from ambinav.server.http.models import MapDetail, MapList, Nearest, Place, PoseValues, Scan, as_json
 from ambinav.server.http.poses import Theta, Weight, X, Y
 from ambinav.server.problems import Problem, answers
 from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, digest_of_map, finite, zone_name
@@ -89,12 +81,7 @@ async def get_arrays(request: Request, id: str) -> Response:
     responses=answers(401, 404, 422),
 )
 async def get_values(
-    request: Request,
-    id: str,
-    x: X,
-    y: Y,
-    theta: Theta = None,
-    weight: Weight = DEFAULT_WEIGHT,
+    request: Request, id: str, x: X, y: Y, theta: Theta = None, weight: Weight = DEFAULT_WEIGHT
 ) -> Response:
     """Return every layer's value at a pose, its cost and its zone.
 
@@ -189,10 +176,7 @@ def _nearest(served: ServedMap, x: float, y: float, theta: float | None) -> Near
 
 
 @router.get(
-    "/{id}/scan",
-    summary="Expected scan",
-    response_model=Scan,
-    responses=answers(401, 404, 422),
+    "/{id}/scan", summary="Expected scan", response_model=Scan, responses=answers(401, 404, 422)
 )
 async def get_scan(request: Request, id: str, x: X, y: Y, theta: Theta = None) -> Response:
     """Return the ends of the scanner's beams, without noise; beams without echo at full range.
@@ -227,10 +211,7 @@ def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) ->
 
 
 @router.get(
-    "/{id}/worst",
-    summary="Worst places",
-    response_model=list[Place],
-    responses=answers(401, 404),
+    "/{id}/worst", summary="Worst places", response_model=list[Place], responses=answers(401, 404)
 )
 async def get_worst(request: Request, id: str) -> Response:
     """Return the connected regions of the corridor and open zones, the worst first."""

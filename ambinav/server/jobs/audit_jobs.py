@@ -21,13 +21,7 @@ from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.uploads import store
 from ambinav.server.jobs.workers import AuditTask, Failure, audits
 from ambinav.server.limits import Limits
-from ambinav.server.problems import (
-    ENDING,
-    RETRY,
-    Problem,
-    sentence_of,
-    too_many,
-)
+from ambinav.server.problems import ENDING, RETRY, Problem, sentence_of, too_many
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import read_dataset
 

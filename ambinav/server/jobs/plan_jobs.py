@@ -106,8 +106,7 @@ class PlanPool:
                 ) from None
             except (EOFError, OSError):
                 raise Problem(
-                    503,
-                    f"The process of the {self.what} was killed, perhaps for lack of memory.",
+                    503, f"The process of the {self.what} was killed, perhaps for lack of memory."
                 ) from None
             finally:
                 self.busy.discard(worker)

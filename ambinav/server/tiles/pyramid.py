@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.runtime.array_types import Bools
 from ambinav.server.served import layer_kind
 
 Values = NDArray[np.float32]
@@ -104,7 +105,7 @@ def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
     return Pyramid(values, mean, worst)
 
 
-def _known(values: Values) -> NDArray[np.bool_]:
+def _known(values: Values) -> Bools:
     return np.isfinite(values)
 
 

@@ -12,12 +12,12 @@ from typing import Final
 import matplotlib
 import numpy as np
 from matplotlib.colors import Normalize, to_rgb
-from numpy.typing import NDArray
 from PIL import Image
 
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.maps import layer_norm
+from ambinav.runtime.array_types import Bytes, Floats32
 from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, check_layer, layer_kind, worse_end
 from ambinav.server.tiles.pyramid import TILE, WALLS, Stat
@@ -42,10 +42,10 @@ class LayerStyle:
     """
 
     norm: Normalize
-    palette: NDArray[np.uint8]
+    palette: Bytes
     classes: bool = False
 
-    def indices(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    def indices(self, values: Floats32) -> Bytes:
         """Return each value's palette index, from 1; 0 where there is no value."""
         known = np.isfinite(values)
         if self.classes:
@@ -76,11 +76,11 @@ def layer_style(served: ServedMap, layer: str) -> LayerStyle:
     return LayerStyle(norm, _scale(name))
 
 
-def _colours(names: tuple[str, ...] | list[str]) -> NDArray[np.uint8]:
+def _colours(names: tuple[str, ...] | list[str]) -> Bytes:
     return np.array([np.rint(255 * np.array(to_rgb(name))) for name in names], dtype=np.uint8)
 
 
-def _scale(name: str) -> NDArray[np.uint8]:
+def _scale(name: str) -> Bytes:
     shades = matplotlib.colormaps[name](np.linspace(0.0, 1.0, SHADES))
     return np.asarray(np.rint(255 * shades[:, :3]), dtype=np.uint8)
 
@@ -178,7 +178,7 @@ class Tiles:
         return made
 
 
-def _encoded(window: NDArray[np.float32], drawn: LayerStyle, is_mask: bool) -> bytes:
+def _encoded(window: Floats32, drawn: LayerStyle, is_mask: bool) -> bytes:
     """Encode a window of values as a PNG with a palette."""
     pixels = np.zeros((TILE, TILE), dtype=np.uint8)
     rows, columns = window.shape
@@ -210,5 +210,5 @@ def legend(drawn: LayerStyle, layer: str) -> list[dict[str, object]]:
     ]
 
 
-def _hex(colour: NDArray[np.uint8]) -> str:
+def _hex(colour: Bytes) -> str:
     return "#" + bytes(colour).hex()

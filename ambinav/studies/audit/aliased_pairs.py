@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.layers.aliasing.layer import AliasedPoses
 from ambinav.layers.context import LayerContext
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.studies.audit.aliasing_groups import Cells, join
 from ambinav.studies.audit.aliasing_tracks import LEAST_LIKENESS
-
-Floats = NDArray[np.float64]
 
 LEAST_DISTANCE = 1.5
 """Least metres between the poses of a pair: the map itself shows the nearer ones. The other ends of
@@ -131,7 +129,7 @@ def find_aliased_pairs(
     return tuple(pairs)
 
 
-def _mark_aliased(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
+def _mark_aliased(shown: Bools, regions: list[tuple[Cells, Cells]]) -> None:
     """Mark as shown every region aliased with a region of which more than half is shown."""
     before = -1
     while shown.sum() > before:
@@ -142,7 +140,7 @@ def _mark_aliased(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) 
 
 
 def _start_cell(
-    x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
+    x: Floats, y: Floats, many: Indices, apart: Floats, region: tuple[Cells, Cells]
 ) -> int:
     """Choose the start cell of a region's pairs.
 

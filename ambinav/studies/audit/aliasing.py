@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.geometry.environment import Environment
@@ -18,6 +17,7 @@ from ambinav.layers.aliasing.settle import settle
 from ambinav.layers.context import LayerContext
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.studies.audit.aliased_pairs import AliasedPair, find_aliased_pairs
 from ambinav.studies.audit.aliasing_tracks import follow
 
@@ -125,7 +125,7 @@ def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
 
 def seek(
     amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
-) -> tuple[AliasedPoses, NDArray[np.bool_]]:
+) -> tuple[AliasedPoses, Bools]:
     """Return aliased poses, up to `COUNT` of each pose, and the cells where the search started.
 
     Those that the search finds are scanned where they are (`settle`), and what their arrangement
@@ -155,9 +155,7 @@ def pose_count(context: LayerContext) -> int:
     return len(context.points[0]) * (1 if context.turns_in_place else len(context.headings))
 
 
-def own_places(
-    amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> NDArray[np.int32]:
+def own_places(amap: AmbiguityMap, x: Floats, y: Floats) -> Ints32:
     """Label the corridor or hall of each point: int32 of the shape of x and y; 0 for none."""
     zone = amap.floor("zone", "mean").values
     labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))

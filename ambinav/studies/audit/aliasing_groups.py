@@ -12,8 +12,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ambinav.layers.context import LayerContext
+from ambinav.runtime.array_types import Bools, Floats
 
-Floats = NDArray[np.float64]
 Cells = NDArray[np.intp]
 
 SAME_TURN = 0.2
@@ -38,7 +38,7 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
     return np.stack([x, y, alike[..., 2]], axis=-1)
 
 
-def same(spacing: float, poses: Floats, other: Floats) -> NDArray[np.bool_]:
+def same(spacing: float, poses: Floats, other: Floats) -> Bools:
     """Return which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
     off = np.hypot(poses[..., 0] - other[..., 0], poses[..., 1] - other[..., 1])
     bend = np.abs(np.mod(poses[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
@@ -53,7 +53,7 @@ def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Ce
 
 
 def join(
-    context: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
+    context: LayerContext, entries: Floats, linked: Bools, least: int
 ) -> list[tuple[Cells, Cells]]:
     """Join cells along lattice steps while their aliased poses follow the predicted offsets.
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.aliasing.settle import settle_at
 from ambinav.layers.context import LayerContext
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.studies.audit.aliasing_groups import STEPS, neighbours, same, stepped
-
-Floats = NDArray[np.float64]
 
 LEAST_LIKENESS = 0.3
 """Least likeness of two aliased poses."""
@@ -56,9 +54,7 @@ def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> N
         alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
 
 
-def _missing(
-    spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
-) -> NDArray[np.bool_]:
+def _missing(spacing: float, entries: Floats, to: Indices, alike: Floats) -> Bools:
     """Return which poses lack the predicted aliased pose and have room for one more."""
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
@@ -69,9 +65,7 @@ def _missing(
     return missing
 
 
-def _predict(
-    context: LayerContext, cell: NDArray[np.intp], alike: Floats
-) -> tuple[NDArray[np.intp], Floats]:
+def _predict(context: LayerContext, cell: Indices, alike: Floats) -> tuple[Indices, Floats]:
     """Return the neighbours of cells and their predicted aliased poses, shape (M, 3)."""
     to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
     there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)

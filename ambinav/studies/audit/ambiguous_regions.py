@@ -14,8 +14,7 @@ from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
 from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 
 _PRONOUNCED = 0.3
 """Difference of major and minor from which a weak direction is reported."""
@@ -142,7 +141,7 @@ def _describe(
     box: tuple[slice, slice],
     label: int,
     number: int,
-    zone: NDArray[np.uint8],
+    zone: Bytes,
     floor: dict[str, NDArray[np.floating[Any]]],
     axis: NDArray[np.floating[Any]],
 ) -> AmbiguousRegion:
@@ -183,7 +182,7 @@ def _describe(
     )  # fmt: skip
 
 
-def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
+def _representative(inside: Bools, level: Floats) -> tuple[int, int]:
     """Choose the representative cell of a region.
 
     Among about the worst tenth of its cells, take the deepest and then the most central one.

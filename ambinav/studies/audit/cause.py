@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools
 from ambinav.studies.audit.sight import SAME_DEPTH, SAME_DIRECTION, Sight
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEW: Final = 0.1
 """Share of the beams up to which those that end across a weak direction are called few."""
@@ -90,7 +87,7 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
     return Cause(walls, f"{what}, {where} m; {rest}.")
 
 
-def _walls_along(sight: Sight, along: Mask, direction: float) -> tuple[SeenWall, ...]:
+def _walls_along(sight: Sight, along: Bools, direction: float) -> tuple[SeenWall, ...]:
     """Return, on either side, the wall along a direction on which most beams end."""
     ahead = np.array([math.cos(direction), math.sin(direction)])
     left = np.array([-ahead[1], ahead[0]])

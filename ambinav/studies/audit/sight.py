@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.scans import scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.sensing.scanner import RangeScanner
-
-Floats = NDArray[np.float64]
 
 SAME_DIRECTION = math.radians(10.0)
 SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
@@ -52,7 +50,7 @@ class Sight:
     distance: Floats
     hit: Floats
     along: Floats
-    frontier: NDArray[np.bool_]
+    frontier: Bools
     surfaces: int
     directions: int
 

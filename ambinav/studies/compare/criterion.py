@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval, bootstrap, paired
 from ambinav.drive.metrics import Metrics
 from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 
 Outcome = Literal["met", "not met", "easy"]
@@ -178,11 +178,7 @@ def judge_route(
     )
 
 
-def _change(
-    ours: NDArray[np.float64] | NDArray[np.bool_],
-    theirs: NDArray[np.float64] | NDArray[np.bool_],
-    rng: np.random.Generator,
-) -> Change:
+def _change(ours: Floats | Bools, theirs: Floats | Bools, rng: np.random.Generator) -> Change:
     return Change(
         bootstrap(ours, rng),
         bootstrap(theirs, rng),

@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.drives import Drives
 from ambinav.drive.metrics import Metrics
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.files import replacing
 
 STEP = 0.5
@@ -19,8 +19,6 @@ STEP = 0.5
 
 LEAST = 0.25
 """Share of the runs that must still be driving for a quantile to be reported."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

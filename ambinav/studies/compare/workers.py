@@ -102,10 +102,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
 
 
 def in_workers(
-    setup: Setup,
-    function: Callable[[Setup, Piece], Made],
-    pieces: Sequence[Piece],
-    jobs: int,
+    setup: Setup, function: Callable[[Setup, Piece], Made], pieces: Sequence[Piece], jobs: int
 ) -> Iterator[tuple[Piece, Made]]:
     """Process work items in worker processes.
 

@@ -6,11 +6,11 @@ import zlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.geometry.environment import Environment
 from ambinav.routes.files import trace_route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.studies.compare.plans import Plan
 from ambinav.studies.compare.scenario_file import ScenarioBundle
@@ -49,7 +49,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
     return worlds
 
 
-def _join_routes(plans: Sequence[Plan]) -> NDArray[np.float64]:
+def _join_routes(plans: Sequence[Plan]) -> Floats:
     """Join all routes of a pair into one line that runs forth and back alternately.
 
     Between two routes there are at most the few centimetres by which given ones may end apart.

@@ -6,7 +6,6 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.model import AmbiguityModel, thin
@@ -14,6 +13,7 @@ from ambinav.ambiguity.returns import BeamTable, blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import HEADINGS
 from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.array_types import Bools, Ints
 from ambinav.sensing.scanner import RangeScanner
 
 PIECE_BYTES: Final = 64_000_000
@@ -23,10 +23,10 @@ PIECE_BYTES: Final = 64_000_000
 def explored(
     lattice: Lattice,
     scanner: RangeScanner,
-    point: NDArray[np.int64],
+    point: Ints,
     model: AmbiguityModel,
     headings: int | None = None,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return which points a scanner's map has as free and explored (`AmbiguityMap.unexplored`).
 
     Args:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, find_objects
 from shapely.geometry.base import BaseGeometry
 
@@ -19,6 +18,7 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
 from ambinav.reports.fields import Metres, Part, SquareMetres
+from ambinav.runtime.array_types import Bools, Bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +29,6 @@ PICTURES: Final = ("before", "after")
 MOST: Final = 3
 """Places that are named."""
 _IMPROVED: Final = 1
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def most_improved(
     return largest_places(before, improved, parts)
 
 
-def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor) -> Mask:
+def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor) -> Bools:
     """Return a mask, shape (ny, nx), of floor that counts and is bad only before a change.
 
     Args:
@@ -92,7 +90,7 @@ def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor
     return np.asarray(parts.counted & was_bad & good)
 
 
-def zones_after(before: AmbiguityMap, after: AmbiguityMap) -> NDArray[np.uint8]:
+def zones_after(before: AmbiguityMap, after: AmbiguityMap) -> Bytes:
     """Return the zones of a changed map on the lattice of the map before, shape (ny, nx).
 
     An obstacle at the end of the floor makes the lattice smaller; there nothing is free.
@@ -106,7 +104,9 @@ def zones_after(before: AmbiguityMap, after: AmbiguityMap) -> NDArray[np.uint8]:
     )  # fmt: skip
 
 
-def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[ImprovedPlace, ...]:
+def largest_places(
+    amap: AmbiguityMap, mask: Bools, parts: JudgedFloor
+) -> tuple[ImprovedPlace, ...]:
     """Return the largest connected places of a mask of the floor, the largest first.
 
     Pieces are one place as the bad places of an audit are (`find_regions`).
@@ -131,7 +131,7 @@ def largest_places(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> tuple[
     return tuple(places)
 
 
-def connected(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> Labels:
+def connected(amap: AmbiguityMap, mask: Bools, parts: JudgedFloor) -> Labels:
     """Label the connected places of a mask of the floor, shape (ny, nx); 0: none."""
     spacing = amap.spacing
     return find_regions(
@@ -145,10 +145,7 @@ def connected(amap: AmbiguityMap, mask: Mask, parts: JudgedFloor) -> Labels:
 
 
 def improved_text(
-    places: Sequence[ImprovedPart],
-    what: str = "Most floor becomes good",
-    *,
-    named: bool = True,
+    places: Sequence[ImprovedPart], what: str = "Most floor becomes good", *, named: bool = True
 ) -> str:
     """List the places in a sentence, empty if there are none.
 

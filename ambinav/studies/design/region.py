@@ -8,7 +8,6 @@ from typing import Final, Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
@@ -17,6 +16,7 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError
 
 ALL_HEADINGS: Final = -1
@@ -44,20 +44,18 @@ class Places:
         of: Number of all places if these are a sample; otherwise K.
     """
 
-    point: NDArray[np.int64]
-    heading: NDArray[np.int64]
-    weight: NDArray[np.float64]
+    point: Ints
+    heading: Ints
+    weight: Floats
     of: int
 
     @classmethod
-    def at_all_headings(cls, point: NDArray[np.int64], weight: NDArray[np.float64]) -> Places:
+    def at_all_headings(cls, point: Ints, weight: Floats) -> Places:
         """Return points at which every heading counts alike."""
         return cls(point, np.full(len(point), ALL_HEADINGS), weight, len(point))
 
     @classmethod
-    def merged(
-        cls, point: NDArray[np.int64], heading: NDArray[np.int64], weight: NDArray[np.float64]
-    ) -> Places:
+    def merged(cls, point: Ints, heading: Ints, weight: Floats) -> Places:
         """Return points at headings, each pair once with the sum of its weights."""
         pairs = np.column_stack([point, heading])
         kept, which = np.unique(pairs, axis=0, return_inverse=True)
@@ -75,7 +73,7 @@ class Places:
         """True if the places are a sample of more places."""
         return len(self) < self.of
 
-    def among(self, mask: NDArray[np.bool_]) -> Places:
+    def among(self, mask: Bools) -> Places:
         """Return the places in the mask, shape (K,), with their weights."""
         return replace(
             self, point=self.point[mask], heading=self.heading[mask], weight=self.weight[mask]
@@ -176,9 +174,7 @@ class Region:
         """Unit of the weights of places: square metres, or metres of a route."""
         return UNITS[self.kind]
 
-    def places(
-        self, lattice: Lattice, headings: NDArray[np.float64], reach: Reach | None = None
-    ) -> Places:
+    def places(self, lattice: Lattice, headings: Floats, reach: Reach | None = None) -> Places:
         """Return the region's places on a lattice.
 
         Args:
@@ -218,7 +214,7 @@ class Region:
                 )
         return Places.at_all_headings(point, np.full(len(point), lattice.spacing**2))
 
-    def _along(self, route: Route, lattice: Lattice, headings: NDArray[np.float64]) -> Places:
+    def _along(self, route: Route, lattice: Lattice, headings: Floats) -> Places:
         poses, _, along = route.steering.dense(route.poses, ROUTE_STEP * lattice.spacing)
         # Half of the distance to either neighbour.
         metres = np.diff(along, append=along[-1], prepend=along[0])

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import AT_CENTRE, can_stand
 from ambinav.ambiguity.model import independent_tau, thin
 from ambinav.ambiguity.panorama import View, view_beams
 from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 
@@ -21,7 +21,7 @@ class ScannerView:
     """The view of a scanner at one heading, or at several headings with the same view."""
 
     scanner: int
-    headings: NDArray[np.intp]
+    headings: Indices
     view: View
 
 
@@ -29,8 +29,8 @@ def scanner_views(
     lattice: Lattice,
     scanners: Sequence[RangeScanner],
     order: Sequence[int] | None,
-    headings: NDArray[np.float64],
-) -> tuple[list[ScannerView], NDArray[np.bool_]]:
+    headings: Floats,
+) -> tuple[list[ScannerView], Bools]:
     """Return the views of all scanners, and where the robot can stand with each.
 
     The second is of shape (N, S): `View.standing` names a column.
@@ -38,7 +38,7 @@ def scanner_views(
     x, y = lattice.points
     views: list[ScannerView] = []
     column: dict[tuple[bytes, float], int] = {}
-    possible: list[NDArray[np.bool_]] = []
+    possible: list[Bools] = []
     for number in range(len(scanners)) if order is None else order:
         scanner = scanners[number]
         around = scanner.looks_all_around
@@ -83,7 +83,7 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
     return tuple(firsts)
 
 
-def mask_of(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+def mask_of(numbers: Ints, count: int) -> Bools:
     """Return a mask, shape (count,), that is true at the given indices."""
     mask = np.zeros(count, dtype=np.bool_)
     mask[numbers] = True

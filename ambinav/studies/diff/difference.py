@@ -6,10 +6,10 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.runtime.array_types import Floats
 from ambinav.studies.diff.provenance import Differing, differing_parameters, same_content
 from ambinav.studies.diff.regions import ChangedRegion, changed_regions
 from ambinav.studies.diff.registration import CommonLattice, ReadMap, common_lattice, read_on
@@ -42,14 +42,14 @@ class Difference:
     after: ReadMap
     parts: tuple[JudgedFloor, JudgedFloor]
     regions: tuple[ChangedRegion, ...]
-    new_walls: NDArray[np.float64]
-    gone_walls: NDArray[np.float64]
+    new_walls: Floats
+    gone_walls: Floats
     wall_tolerance: float
     parameters: tuple[Differing, ...]
     identical: bool
 
     @property
-    def rise(self) -> NDArray[np.float64]:
+    def rise(self) -> Floats:
         """Level after less level before, shape (ny, nx); nan where floor counts in one or none."""
         return self.after.level - self.before.level
 
@@ -61,10 +61,7 @@ class Difference:
 
 
 def difference(
-    first: AmbiguityMap,
-    second: AmbiguityMap,
-    *,
-    wall_tolerance: float | None = None,
+    first: AmbiguityMap, second: AmbiguityMap, *, wall_tolerance: float | None = None
 ) -> Difference:
     """Compare two maps; they are registered by their frame.
 

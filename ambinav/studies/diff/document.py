@@ -6,13 +6,13 @@ import math
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres, rounded
+from ambinav.runtime.array_types import Floats
 from ambinav.studies.diff.difference import Difference
 from ambinav.studies.diff.regions import NOTABLE
 from ambinav.studies.diff.registration import COUNTED, STATES
@@ -247,7 +247,7 @@ def _wall_length(amap: AmbiguityMap) -> float:
     return float(segments.lengths[segments.walls].sum())
 
 
-def _table(result: Difference) -> NDArray[np.float64]:
+def _table(result: Difference) -> Floats:
     """Return square metres of each state before (rows) and after (columns)."""
     size = len(STATES)
     codes = result.before.state.astype(np.intp) * size + result.after.state
@@ -255,7 +255,7 @@ def _table(result: Difference) -> NDArray[np.float64]:
     return np.asarray(counts.reshape(size, size) * result.lattice.cell_area, dtype=np.float64)
 
 
-def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:
+def _zones(table: Floats) -> tuple[ZonePart, ...]:
     before, after = table.sum(axis=1), table.sum(axis=0)
     totals = [float(areas[:COUNTED].sum()) or math.inf for areas in (before, after)]
     return tuple(
@@ -273,7 +273,7 @@ def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:
     )
 
 
-def _transitions(table: NDArray[np.float64]) -> tuple[TransitionPart, ...]:
+def _transitions(table: Floats) -> tuple[TransitionPart, ...]:
     table = table.copy()
     table[COUNTED:, COUNTED:] = 0.0
     total = max(float(table.sum()), 1e-12)
@@ -284,7 +284,7 @@ def _transitions(table: NDArray[np.float64]) -> tuple[TransitionPart, ...]:
     )
 
 
-def _level(rise: NDArray[np.float64], cell: float) -> LevelPart | None:
+def _level(rise: Floats, cell: float) -> LevelPart | None:
     rise = rise[np.isfinite(rise)]
     if not rise.size:
         return None
@@ -298,7 +298,7 @@ def _level(rise: NDArray[np.float64], cell: float) -> LevelPart | None:
     )
 
 
-def _longest(stretches: NDArray[np.float64]) -> tuple[Stretch, ...]:
+def _longest(stretches: Floats) -> tuple[Stretch, ...]:
     rows = [(float(a), float(b), float(c), float(d)) for a, b, c, d in stretches]
     rows.sort(key=lambda row: -math.hypot(row[2] - row[0], row[3] - row[1]))
     return tuple(rows[:WALLS])

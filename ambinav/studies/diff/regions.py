@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.studies.diff.registration import STATES, CommonLattice, ReadMap
 
 Kind = Literal["worse", "better", "new floor"]
@@ -61,7 +61,7 @@ def changed_regions(
     """
     rise = second.level - first.level
     ambiguous = np.isin(second.state, (CORRIDOR, OPEN)) & ~first.counted
-    masks: tuple[tuple[Kind, NDArray[np.bool_], NDArray[np.float64]], ...] = (
+    masks: tuple[tuple[Kind, Bools, Floats], ...] = (
         ("worse", rise >= NOTABLE, rise),
         ("better", rise <= -NOTABLE, rise),
         ("new floor", ambiguous, second.level),
@@ -76,12 +76,7 @@ def changed_regions(
 
 
 def _regions(
-    lattice: CommonLattice,
-    kind: Kind,
-    mask: NDArray[np.bool_],
-    change: NDArray[np.float64],
-    first: ReadMap,
-    second: ReadMap,
+    lattice: CommonLattice, kind: Kind, mask: Bools, change: Floats, first: ReadMap, second: ReadMap
 ) -> list[ChangedRegion]:
     labels, _ = ndimage.label(mask, structure=_NEIGHBOURS)
     least = LEAST_AREA / lattice.cell_area
@@ -109,5 +104,5 @@ def _regions(
     return regions
 
 
-def _prevailing(codes: NDArray[np.uint8]) -> str:
+def _prevailing(codes: Bytes) -> str:
     return STATES[int(np.bincount(codes, minlength=len(STATES)).argmax())]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Indices
 from ambinav.runtime.errors import InputError
 
 STATES: Final = (*ZONES, "unexplored", "unreachable", "not free", "outside")
@@ -38,8 +38,8 @@ class CommonLattice:
         resampled: Whether the maps' own lattices differ, so that one is read between its cells.
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Floats
+    y: Floats
     spacing: float
     resampled: bool
 
@@ -67,11 +67,11 @@ class ReadMap:
         level: Ambiguity level, mean over headings, shape (ny, nx); nan where no floor counts.
     """
 
-    state: NDArray[np.uint8]
-    level: NDArray[np.float64]
+    state: Bytes
+    level: Floats
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Bools:
         """Mask of the floor that counts, shape (ny, nx)."""
         return np.asarray(self.state < COUNTED)
 
@@ -111,7 +111,7 @@ def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
     )
 
 
-def _centres(base: AmbiguityMap, axis: str, low: float, high: float) -> NDArray[np.float64]:
+def _centres(base: AmbiguityMap, axis: str, low: float, high: float) -> Floats:
     """Extend the cell centres of a lattice axis to cover [low, high]."""
     values, step = base.dataset[axis].values.astype(np.float64), base.spacing
     tolerance = _ON_LATTICE * step
@@ -163,9 +163,7 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
     return ReadMap(read, level)
 
 
-def _nearest(
-    wanted: NDArray[np.float64], centres: NDArray[np.float64], step: float
-) -> NDArray[np.intp]:
+def _nearest(wanted: Floats, centres: Floats, step: float) -> Indices:
     """Return indices of the cells that contain coordinates; -1 outside."""
     index = np.floor((wanted - centres[0]) / step + 0.5).astype(np.intp)
     return np.where((index >= 0) & (index < centres.size), index, -1)

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.array_types import Floats
 
 CLOSE: Final = 0.1
 """Metres: walls this near to each other are one, where both maps are drawn."""
@@ -25,7 +25,7 @@ def tolerance(*resolutions: float | None) -> float:
     return max(CLOSE, *(CELLS * cell for cell in resolutions if cell is not None), CLOSE)
 
 
-def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np.float64]:
+def missing_walls(walls: Segments, others: Segments, close: float) -> Floats:
     """Return stretches of walls farther than `close` from every wall of another map.
 
     Frontiers to unknown space are no walls. Stretches shorter than `close` are left out.
@@ -61,7 +61,7 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np
     ).reshape(-1, 4)
 
 
-def total_length(stretches: NDArray[np.float64]) -> float:
+def total_length(stretches: Floats) -> float:
     """Sum the length of stretches as `missing_walls` returns them, metres."""
     return float(
         np.hypot(stretches[:, 2] - stretches[:, 0], stretches[:, 3] - stretches[:, 1]).sum()

@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.aliasing.settle import settle
 from ambinav.layers.context import LayerContext
 from ambinav.localization.random import uniform
 from ambinav.logs.frames import between, compose, wrapped
+from ambinav.runtime.array_types import Bools, Floats, UInts
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import MARGIN
-
-Floats = NDArray[np.float64]
 
 # Poses whose aliases are looked for in a building: of more cells so many are drawn.
 SOUGHT = 1500
@@ -69,7 +67,7 @@ class Aliases:
         usable = good.any(axis=2)
         return cls(own[usable], poses[usable], context.turns_in_place)
 
-    def draw(self, state: NDArray[np.uint64]) -> Floats | None:
+    def draw(self, state: UInts) -> Floats | None:
         """Draw a pose that has aliases, shape (3,); None if there is none.
 
         Args:
@@ -108,7 +106,7 @@ class Aliases:
         return np.concatenate([pose[None], kept]) if len(kept) else None
 
 
-def _stands(building: Building, x: Floats, y: Floats) -> NDArray[np.bool_]:
+def _stands(building: Building, x: Floats, y: Floats) -> Bools:
     """Return at which points the robot can stand, in the largest part of the building."""
     table = building.lattice.table
     rows, columns = table.room.shape
@@ -119,7 +117,7 @@ def _stands(building: Building, x: Floats, y: Floats) -> NDArray[np.bool_]:
     return np.asarray(inside & (table.labels[cell] == 0) & (table.room[cell] >= MARGIN))
 
 
-def hypotheses(poses: Floats, prior: tuple[float, float], state: NDArray[np.uint64]) -> Floats:
+def hypotheses(poses: Floats, prior: tuple[float, float], state: UInts) -> Floats:
     """Draw the prior probability of each of H poses, the first of which is the true one.
 
     That of one pose is drawn from `prior`, and the others share the rest equally. The one is drawn

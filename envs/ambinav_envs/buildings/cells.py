@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav_envs.buildings.plan import Point
 
 Ring = NDArray[np.float64]
@@ -48,8 +49,8 @@ def cut(ring: Ring, point: Point, degrees: float) -> tuple[Ring, Ring]:
     x, y = ring[:, 0] - point[0], ring[:, 1] - point[1]
     height = -math.sin(angle) * x + math.cos(angle) * y
     height[np.abs(height) < _EXACT] = 0.0
-    left: list[NDArray[np.float64]] = []
-    right: list[NDArray[np.float64]] = []
+    left: list[Floats] = []
+    right: list[Floats] = []
     for k in range(len(ring)):
         following = (k + 1) % len(ring)
         a, b = height[k], height[following]

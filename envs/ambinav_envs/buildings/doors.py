@@ -10,10 +10,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.gaps import near_line
 from ambinav.localization.random import uniform
+from ambinav.runtime.array_types import Floats, Floats32, UInts
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.free_space import FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.geodesic import LENGTHS, REACH, SIDES, STEPS
@@ -30,15 +30,13 @@ _CROSSINGS = 16
 # Points looked at for each step of the path from cell to cell.
 _BETWEEN = 4
 
-Floats = NDArray[np.float64]
-
 
 def close_door(
     lattice: FreeSpaceLattice,
     priced: FreeSpaceArrays | None,
     world: tuple[FreeSpaceLattice, FreeSpaceArrays | None],
     task: Task,
-    stream: NDArray[np.uint64],
+    stream: UInts,
     width: float,
     detour: tuple[float, float],
 ) -> Task | None:
@@ -145,7 +143,7 @@ def _passages(
     return boxes
 
 
-def _costs(table: FreeSpaceArrays, task: Task) -> NDArray[np.float32]:
+def _costs(table: FreeSpaceArrays, task: Task) -> Floats32:
     costs = np.empty(table.room.shape, dtype=np.float32)
     spread_from(task.goal[0], task.goal[1], table, costs)
     return costs

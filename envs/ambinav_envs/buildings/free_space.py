@@ -14,6 +14,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.sweep import line_free
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -47,18 +48,18 @@ class FreeSpaceArrays(NamedTuple):
         forbidden: The third.
     """
 
-    room: NDArray[np.float32]
+    room: Floats32
     moves: NDArray[np.uint16]
-    links: NDArray[np.uint8]
-    labels: NDArray[np.int32]
-    standing: NDArray[np.int64]
-    prices: NDArray[np.float32]
+    links: Bytes
+    labels: Ints32
+    standing: Ints
+    prices: Floats32
     low_x: float
     low_y: float
     spacing: float
-    walls: NDArray[np.float64]
-    bound: NDArray[np.float32]
-    forbidden: NDArray[np.bool_]
+    walls: Floats
+    bound: Floats32
+    forbidden: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,10 @@ class FreeSpaceLattice:
     checker: CollisionChecker
     origin: tuple[float, float]
     spacing: float
-    room: NDArray[np.float32]
+    room: Floats32
     moves: NDArray[np.uint16]
-    links: NDArray[np.uint8]
-    labels: NDArray[np.int32]
+    links: Bytes
+    labels: Ints32
 
     @classmethod
     def of(cls, checker: CollisionChecker, spacing: float | None = None) -> FreeSpaceLattice:
@@ -138,7 +139,7 @@ class FreeSpaceLattice:
         return cls(checker, origin, spacing, room, moves, links, _labels(room >= 0.0, moves))
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Bools:
         """Cells where the robot fits, shape (rows, columns)."""
         return np.asarray(self.room >= 0.0)
 
@@ -153,7 +154,7 @@ class FreeSpaceLattice:
         return (*self.origin, 1.0 / self.spacing)
 
     @cached_property
-    def standing(self) -> NDArray[np.int64]:
+    def standing(self) -> Ints:
         """Indices (row * columns + column) of the cells with clearance `MARGIN` to spare, int64."""
         return np.flatnonzero(self.room >= MARGIN)
 
@@ -167,14 +168,14 @@ class FreeSpaceLattice:
             self.spacing, walls, bound, forbidden,
         )  # fmt: skip
 
-    def prices(self, ambiguity: Field, weight: float) -> NDArray[np.float32]:
+    def prices(self, ambiguity: Field, weight: float) -> Floats32:
         """Return the cost of a metre at each cell: 1 + weight * ambiguity; see `geodesic`."""
         rows, columns = self.room.shape
         x = self.origin[0] + self.spacing * np.arange(columns)
         y = self.origin[1] + self.spacing * np.arange(rows)
         return np.asarray(1.0 + weight * ambiguity.on(x, y), dtype=np.float32)
 
-    def distance(self, field: NDArray[np.float32], x: float, y: float) -> float:
+    def distance(self, field: Floats32, x: float, y: float) -> float:
         """Return the cost to go from (x, y), read from a field of `geodesic`."""
         return float(distance_at(x, y, field, self.links, *self.frame))
 
@@ -183,7 +184,7 @@ def _called(environment: Environment) -> str:
     return environment.name if environment.source is None else str(environment.source)
 
 
-def _labels(free: NDArray[np.bool_], moves: NDArray[np.uint16]) -> NDArray[np.int32]:
+def _labels(free: Bools, moves: NDArray[np.uint16]) -> Ints32:
     """Return the component of each free cell, the largest component first; -1 elsewhere."""
     labels = np.full(free.shape, -1, dtype=np.int32)
     _flood(free.ravel(), moves.ravel(), free.shape[1], labels.ravel())

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.localization.random import states, uniform
+from ambinav.runtime.array_types import Floats, Floats32, UInts
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.doors import close_door, shortest_path
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
@@ -30,8 +31,6 @@ _TRIES = 8
 # How many tasks are drawn until there is one that the world has room for, where it is not the map.
 _IN_WORLD = 64
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
@@ -41,8 +40,8 @@ class _Goal:
     """
 
     place: Floats
-    lengths: NDArray[np.float32]
-    true_lengths: NDArray[np.float32]
+    lengths: Floats32
+    true_lengths: Floats32
     cost_to_go: CostToGo
     label: int
 
@@ -66,7 +65,7 @@ class Goals:
     def __init__(
         self,
         lattice: FreeSpaceLattice,
-        prices: NDArray[np.float32] | None = None,
+        prices: Floats32 | None = None,
         world: FreeSpaceLattice | None = None,
     ) -> None:
         self._lattice = lattice
@@ -81,7 +80,7 @@ class Goals:
         state = states(np.random.Generator(np.random.PCG64(0)), 1)[0]
         draw_places(state, lattice.table, self._points)
 
-    def draw(self, state: NDArray[np.uint64], shortest: float, longest: float) -> Task:
+    def draw(self, state: UInts, shortest: float, longest: float) -> Task:
         """Draw one of the goals, and a start as `draw_task` does.
 
         If there is no start for those drawn, the goal is drawn from anywhere. See `draw_task` for
@@ -105,7 +104,7 @@ class Goals:
 
     def between(
         self,
-        state: NDArray[np.uint64],
+        state: UInts,
         shortest: float,
         longest: float,
         start: ArrayLike | None = None,
@@ -143,7 +142,7 @@ class Goals:
         return self._along(task.start, task.goal, task.distance, cost_to_go, true_lengths)
 
     def close_door(
-        self, task: Task, state: NDArray[np.uint64], width: float, detour: tuple[float, float]
+        self, task: Task, state: UInts, width: float, detour: tuple[float, float]
     ) -> Task | None:
         """Return one of these tasks with a door on its route closed; see `doors.close_door`."""
         world = self._world, self._true_priced
@@ -159,7 +158,7 @@ class Goals:
         goal: Floats,
         distance: float,
         cost_to_go: CostToGo,
-        true_lengths: NDArray[np.float32],
+        true_lengths: Floats32,
     ) -> Task | None:
         """Return a task, or None if its ends are not free or not connected in the world."""
         world, x, y = self._world, float(start[0]), float(start[1])
@@ -191,9 +190,7 @@ class Goals:
             self._known[which] = _Goal(place, lengths, true_lengths, cost_to_go, label)
         return self._known[which]
 
-    def _cost_to_go(
-        self, place: Floats, lengths: NDArray[np.float32], true_lengths: NDArray[np.float32]
-    ) -> CostToGo:
+    def _cost_to_go(self, place: Floats, lengths: Floats32, true_lengths: Floats32) -> CostToGo:
         """Combine costs in the world with directions on the map, given the lengths of both."""
         table, true_costs = self._lattice.table, true_lengths
         if self._priced is not None and self._true_priced is not None:
@@ -204,7 +201,7 @@ class Goals:
         cost_to_go = CostToGo.of(lengths, table)
         return cost_to_go if true_costs is lengths else cost_to_go._replace(costs=true_costs)
 
-    def _costs_to(self, place: Floats, table: FreeSpaceArrays) -> tuple[NDArray[np.float32], int]:
+    def _costs_to(self, place: Floats, table: FreeSpaceArrays) -> tuple[Floats32, int]:
         """Return the costs to a point at the prices of a table, and the point's label."""
         costs = np.empty(self._lattice.room.shape, dtype=np.float32)
         return costs, int(spread_from(place[0], place[1], table, costs))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.geometry.collision.sweep import line_free
 from ambinav.localization.random import uniform
+from ambinav.runtime.array_types import Floats, Floats32, UInts
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
@@ -24,8 +25,6 @@ _GUESSES = 32
 # in a straight line: near a goal every direction is then as long as it is.
 _SEEDS = 32
 
-Floats = NDArray[np.float64]
-
 
 class CostToGo(NamedTuple):
     """Cost of the best path to a goal from every cell, and its direction.
@@ -35,11 +34,11 @@ class CostToGo(NamedTuple):
         towards: See `follow`, int8, shape (rows, columns).
     """
 
-    costs: NDArray[np.float32]
+    costs: Floats32
     towards: NDArray[np.int8]
 
     @classmethod
-    def of(cls, costs: NDArray[np.float32], table: FreeSpaceArrays) -> CostToGo:
+    def of(cls, costs: Floats32, table: FreeSpaceArrays) -> CostToGo:
         """Add directions to costs computed at the prices of the table."""
         towards = np.empty(costs.shape, dtype=np.int8)
         follow(table.moves, table.prices, table.spacing, costs, towards)
@@ -78,7 +77,7 @@ class Task:
 
 def draw_task(
     lattice: FreeSpaceLattice,
-    state: NDArray[np.uint64],
+    state: UInts,
     shortest: float,
     longest: float,
     *,

@@ -12,19 +12,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import (
-    Interval,
-    grouped_weights,
-    paired_share,
-    percentiles,
-    share,
-)
+from ambinav.drive.bootstrap import Interval, grouped_weights, paired_share, percentiles, share
 from ambinav.reports.table import Cell, Cells, Figure, csv_cells
+from ambinav.runtime.array_types import Bools, Floats
 
 if TYPE_CHECKING:
     from ambinav_envs.evaluation import Episodes
 
-Floats = NDArray[np.float64]
 
 PERCENT: Final = 100.0
 
@@ -37,7 +31,7 @@ def mean_parts(values: Floats) -> Parts:
     return np.where(there, values, 0.0), there.astype(np.float64)
 
 
-def _percent(which: NDArray[np.bool_]) -> Parts:
+def _percent(which: Bools) -> Parts:
     return mean_parts(np.where(which, PERCENT, 0.0))
 
 

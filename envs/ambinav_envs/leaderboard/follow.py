@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.course import Course
 from ambinav.drive.follower import pursue
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 
 class Followers:

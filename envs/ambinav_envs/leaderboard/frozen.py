@@ -20,14 +20,7 @@ from ambinav.runtime.files import sha256
 from ambinav.runtime.provenance import digest_of
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import CHUNK, Progress, evaluate_seeds
-from ambinav_envs.leaderboard.board import (
-    Board,
-    Setting,
-    Venue,
-    fitting,
-    source_for,
-    venue_of_task,
-)
+from ambinav_envs.leaderboard.board import Board, Setting, Venue, fitting, source_for, venue_of_task
 from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.registered import arguments_of_id
 from ambinav_envs.simulation.layout import OUTCOMES

@@ -12,23 +12,18 @@ from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Bools
 from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import by_filter
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.follow import Followers
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
-from ambinav_envs.leaderboard.waypoint import (
-    AHEAD,
-    SEES,
-    WEIGHTS,
-    WaypointFollower,
-    follower_name,
-)
+from ambinav_envs.leaderboard.waypoint import AHEAD, SEES, WEIGHTS, WaypointFollower, follower_name
 from ambinav_envs.parameters import MOST_AMBIGUITY_WEIGHT, NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
+from ambinav_envs.policies.policy import CallablePolicy, Policy
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
@@ -211,11 +206,7 @@ def policy_method(
 
 
 def all_methods(
-    planners: Sequence[str],
-    policies: Sequence[str],
-    *,
-    trust: bool = False,
-    shipped: bool = True,
+    planners: Sequence[str], policies: Sequence[str], *, trust: bool = False, shipped: bool = True
 ) -> list[Method]:
     """Return all methods in the order of the table.
 

@@ -19,8 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from ambinav.drive.bootstrap import Interval, paired_share, percentiles, share
+from ambinav.runtime.array_types import Floats
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.figures import PERCENT, Floats, draws, plain
+from ambinav_envs.leaderboard.figures import PERCENT, draws, plain
 from ambinav_envs.leaderboard.methods import SHORTEST, TRUE_POSE
 from ambinav_envs.simulation.layout import ARRIVED
 
@@ -55,11 +56,7 @@ class NormalizedScores:
 
 
 def normalized_scores(
-    setting: str,
-    episodes: Mapping[str, Episodes],
-    blind: Episodes,
-    true_pose: Episodes,
-    seed: int,
+    setting: str, episodes: Mapping[str, Episodes], blind: Episodes, true_pose: Episodes, seed: int
 ) -> NormalizedScores:
     """Compute the normalized scores of methods that drove the same episodes.
 

@@ -36,11 +36,7 @@ from ambinav_envs.policies.fit import difference_text as differs_text
 
 OVERVIEW: Final = "overview"
 STUDY: Final = Study(
-    "leaderboard",
-    "ambinav_envs.leaderboard",
-    (OVERVIEW,),
-    ("table.csv",),
-    documents=("json", "md"),
+    "leaderboard", "ambinav_envs.leaderboard", (OVERVIEW,), ("table.csv",), documents=("json", "md")
 )
 
 CRITERION: Final = AcceptanceCriterion(lost=0.5)

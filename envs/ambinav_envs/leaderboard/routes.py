@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.files import replacing
 from ambinav.service.service import AmbiguityService
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ambinav_planners.problem import Problem
     from ambinav_planners.registry import Planner, PlannerResult
 
-Floats = NDArray[np.float64]
 
 MARGINS = (0.1, 0.05, 0.0)
 """Metres that a route keeps off walls besides the robot's radius: as `ambinav compare` plans, and

@@ -52,11 +52,7 @@ class TwinRuns:
 
 
 def drive_twins(
-    policy: Policy,
-    episodes: Episodes,
-    arena: Arena,
-    seed: int,
-    progress: Callable[[float], None],
+    policy: Policy, episodes: Episodes, arena: Arena, seed: int, progress: Callable[[float], None]
 ) -> TwinRuns:
     """Run a policy's episodes again with the true pose, and with blind route following.
 

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ambinav.runtime.array_types import Bools
 from ambinav_envs.commands import by_filter
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools, Policy
+from ambinav_envs.policies.policy import Policy
 
 NAME = "waypoint follower"
 # Metres ahead; farther on it cuts corners.

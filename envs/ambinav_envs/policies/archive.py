@@ -89,10 +89,7 @@ def _check_directory(path: Path) -> None:
 
 
 def _check_members(
-    path: Path,
-    members: list[zipfile.ZipInfo],
-    sizes: Mapping[str, int],
-    unread: Collection[str],
+    path: Path, members: list[zipfile.ZipInfo], sizes: Mapping[str, int], unread: Collection[str]
 ) -> None:
     seen: set[str] = set()
     for member in members:

@@ -14,13 +14,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools, Policy
+from ambinav_envs.policies.policy import Policy
 from ambinav_envs.policies.reactive.pace import Pace
 from ambinav_envs.policies.reactive.policy import ReactivePolicy
-
-Floats = NDArray[np.float64]
 
 BASES: Final = ("vfh",)
 """The baselines that can be corrected; the route is that of the environment."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.layers.registry import on_request
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.commands import as_commands
@@ -19,8 +19,6 @@ from ambinav_envs.policies.fit import check_fit, difference_text, trained_dt
 from ambinav_envs.policies.load import checksum_of, load_policy
 from ambinav_envs.policies.policy import RULES, Policy, checked_actions
 from ambinav_envs.spaces import action_space, observation_space
-
-Floats = NDArray[np.float64]
 
 
 def examine(
@@ -111,7 +109,7 @@ class PolicyController:
         return self._observer.distance
 
     def command(
-        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: Floats32
     ) -> Floats:
         """See `Controller`."""
         parameters, name = self._parameters, self._policy.name

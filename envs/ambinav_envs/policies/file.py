@@ -17,14 +17,7 @@ from ambinav.runtime.files import replacing
 from ambinav.runtime.provenance import code_digest, library_version
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
-from ambinav_envs.policies.card import (
-    CARD,
-    Card,
-    card_text,
-    of_id,
-    parse_card,
-    plain_environment,
-)
+from ambinav_envs.policies.card import CARD, Card, card_text, of_id, parse_card, plain_environment
 from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.policies.network import ALGORITHMS, build_policy, network_of, required, weights_of
 from ambinav_envs.policies.normalization import Normalization, sizes_of

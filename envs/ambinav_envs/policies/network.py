@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ambinav.config import ConfigModel, checked, nearest
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 
-Weights = dict[str, NDArray[np.float32]]
+Weights = dict[str, Floats32]
 Width = Annotated[int, Field(ge=1, le=1 << 16, strict=True)]
 Widths = Annotated[tuple[Width, ...], Field(max_length=32)]
 Few = Annotated[int, Field(ge=1, le=16, strict=True)]

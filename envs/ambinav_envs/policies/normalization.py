@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
 
 ROW = "observation"
 """Name of the only part where an observation is one row."""
 
-Floats = NDArray[np.float64]
-Observation = dict[str, NDArray[np.float32]]
+Observation = dict[str, Floats32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Normalization:
         """Return the normalised observation."""
         return {name: self._part(name, part) for name, part in observation.items()}
 
-    def _part(self, name: str, part: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _part(self, name: str, part: Floats32) -> Floats32:
         if name not in self.mean:
             return part
         scaled = (part - self.mean[name]) / np.sqrt(self.var[name] + self.epsilon)

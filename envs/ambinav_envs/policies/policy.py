@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ambinav.config import nearest
 from ambinav.plugins import called
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest
 from ambinav_envs.parameters import NavigationParameters
@@ -21,7 +22,6 @@ from ambinav_envs.policies.normalization import ROW, Normalization, Observation
 from ambinav_envs.policies.shapes import Plain, action_misfit, described, misfit
 from ambinav_envs.spaces import continuous
 
-Bools = NDArray[np.bool_]
 Actions = NDArray[Any]
 
 
@@ -65,7 +65,7 @@ def checked_actions(
     count: int,
     parameters: NavigationParameters,
     active: Bools | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Convert actions with `spaces.continuous`; error messages name the policy.
 
     Raises:

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 
 Plain = dict[str, Any]
@@ -90,7 +91,7 @@ def _size(value: object, name: str) -> int:
     return value
 
 
-def _limits_of(value: object, size: int, none: float, name: str) -> NDArray[np.float32]:
+def _limits_of(value: object, size: int, none: float, name: str) -> Floats32:
     values: list[Any] = value if isinstance(value, list) else [value] * size
     if len(values) != size:
         raise InputError(f"{name[:80]!r} has {len(values)} limits for {size} numbers.")

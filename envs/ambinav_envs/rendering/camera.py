@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
 VIEWS: Final = ("auto", "whole", "follow")
@@ -67,7 +68,7 @@ class Camera:
         half = 0.5 * self.size[0] / self.scale, 0.5 * self.size[1] / self.scale
         return self.x - half[0], self.y - half[1], self.x + half[0], self.y + half[1]
 
-    def pixels(self, points: ArrayLike) -> NDArray[np.float64]:
+    def pixels(self, points: ArrayLike) -> Floats:
         """Convert points of the map, metres, shape (..., 2), to pixels of the picture."""
         x, y = np.moveaxis(np.asarray(points, dtype=np.float64)[..., :2], -1, 0)
         across = 0.5 * self.size[0] + (x - self.x) * self.scale

@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 import pygame
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from shapely import get_parts
 
@@ -14,6 +13,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, OPEN, ZONES
 from ambinav.plotting import style
+from ambinav.runtime.array_types import Floats
 from ambinav_envs.rendering.camera import Camera
 
 # The zones are paler than in a map by this share of white, so that what moves stands out.
@@ -25,7 +25,7 @@ WALL, THINNEST = 0.06, 3
 _HOLE = (255, 0, 255)
 
 
-def _rgb(colour: str) -> NDArray[np.float64]:
+def _rgb(colour: str) -> Floats:
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
 
 
@@ -65,9 +65,7 @@ def _cells(picture: pygame.Surface, amap: AmbiguityMap, camera: Camera) -> None:
         _lay(picture, colours, amap, camera)
 
 
-def _lay(
-    picture: pygame.Surface, colours: NDArray[np.float64], amap: AmbiguityMap, camera: Camera
-) -> None:
+def _lay(picture: pygame.Surface, colours: Floats, amap: AmbiguityMap, camera: Camera) -> None:
     """Draw the visible map cells, colours of shape (ny, nx, 3)."""
     left, low, right, high = camera.bounds
     x, y = (amap.dataset[axis].values for axis in ("x", "y"))

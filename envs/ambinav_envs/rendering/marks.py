@@ -12,13 +12,12 @@ from typing import Final
 
 import numpy as np
 import pygame
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.plotting.style import BOX, ESTIMATE, GOAL_RING, PERSON, ROBOT, SIGMAS
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import stroke
-
-Floats = NDArray[np.float64]
 
 WHITE: Final = "#FFFFFF"
 BEAM: Final = (20, 20, 20, 55)
@@ -77,7 +76,7 @@ class Marks:
         flag = [top, [x + 0.5 * size, y - 0.3 * size], [x - 0.25 * size, y]]
         pygame.draw.polygon(self.picture, GOAL_RING, flag)
 
-    def scan(self, origins: Floats, ends: Floats, echo: NDArray[np.bool_]) -> None:
+    def scan(self, origins: Floats, ends: Floats, echo: Bools) -> None:
         """Draw beams, and a dot where each had an echo.
 
         Args:

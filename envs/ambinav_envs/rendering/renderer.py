@@ -9,8 +9,8 @@ from weakref import WeakSet
 import numpy as np
 import pygame
 from gymnasium.error import ResetNeeded
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import floor_picture
@@ -44,7 +44,7 @@ class Renderer:
     def __init__(self, simulation: Simulation, view: str = "auto") -> None:
         self._simulation = simulation
         self._view = view
-        self._trails: list[list[NDArray[np.float64]]] = [[] for _ in range(simulation.count)]
+        self._trails: list[list[Floats]] = [[] for _ in range(simulation.count)]
         self._floors: OrderedDict[tuple[Building, Camera], pygame.Surface] = OrderedDict()
         self._window: pygame.Surface | None = None
         self._clock: pygame.time.Clock | None = None
@@ -61,7 +61,7 @@ class Renderer:
                 trail.clear()
             trail.append(np.concatenate([state["truth"][i], state["mean"][i]]))
 
-    def frame(self, row: int = 0) -> NDArray[np.uint8]:
+    def frame(self, row: int = 0) -> Bytes:
         """Return the picture of a robot, shape (height, width, 3).
 
         Raises:
@@ -147,9 +147,7 @@ class Renderer:
             self._floors.popitem(last=False)
         return self._floors[key]
 
-    def _beams(
-        self, row: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _beams(self, row: int) -> tuple[Floats, Floats, Bools]:
         """Return start and end of the latest beams, shape (B, 2), and which had an echo."""
         scanner = self._simulation.parameters.scanner
         x, y, theta = self._simulation.state["truth"][row]

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.casting import CastTables
 from ambinav.localization.information import BeamNoise
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.service.field import Field
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
-
-Floats = NDArray[np.float64]
 
 
 class Walls(NamedTuple):
     """The geometry of collision checks: the first two of `CollisionChecker.arrays`."""
 
     table: Floats
-    bound: NDArray[np.float32]
+    bound: Floats32
 
 
 class MapLayers(NamedTuple):
@@ -36,9 +32,9 @@ class MapLayers(NamedTuple):
         frame: x and y of cell (0, 0), metres, map frame, and cells per metre.
     """
 
-    level: NDArray[np.float32]
-    fisher: NDArray[np.float32]
-    free: NDArray[np.bool_]
+    level: Floats32
+    fisher: Floats32
+    free: Bools
     frame: tuple[float, float, float]
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bytes, Floats32
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.tasks import CostToGo
 
@@ -21,9 +22,9 @@ class GoalArrays(NamedTuple):
         frame: x and y of cell (0, 0), metres, map frame, and cells per metre.
     """
 
-    costs: NDArray[np.float32]
+    costs: Floats32
     towards: NDArray[np.int8]
-    links: NDArray[np.uint8]
+    links: Bytes
     frame: tuple[float, float, float]
 
 

@@ -11,17 +11,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.localization.random import uniform
+from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.aliases import APART, hypotheses
 from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.tasks import Task, beside
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.site import Site
-
-Floats = NDArray[np.float64]
 
 # How many buildings, and tasks in each, are drawn before it is said that there is none.
 BUILDINGS, TASKS = 16, 32
@@ -46,7 +44,7 @@ class Disturbances(NamedTuple):
 def draw_disturbances(
     site: Site,
     p: NavigationParameters,
-    stream: NDArray[np.uint64],
+    stream: UInts,
     draw: Callable[..., Task],
     tries: int,
     whole: bool,
@@ -96,7 +94,7 @@ def draw_disturbances(
 def _attempt(
     site: Site,
     p: NavigationParameters,
-    stream: NDArray[np.uint64],
+    stream: UInts,
     draw: Callable[..., Task],
     closing: bool,
     whole: bool,
@@ -136,7 +134,7 @@ def no_task(site: Site, p: NavigationParameters) -> InputError:
     )
 
 
-def _draw_kidnap_pose(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
+def _draw_kidnap_pose(site: Site, task: Task, stream: UInts) -> Floats:
     """Draw a pose anywhere with a path to the goal, away from a closed door."""
     lattice, table, costs = site.lattice, site.table, task.cost_to_go.costs.ravel()
     cells = table.standing[np.isfinite(costs[table.standing])]

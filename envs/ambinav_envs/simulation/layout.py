@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats, Floats32
 
 # Outcomes of an episode, by code.
 RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
@@ -210,11 +210,11 @@ class Memory(NamedTuple):
 class View(NamedTuple):
     """The parts of the observation of N robots, float32; see `ambinav_envs.spaces`."""
 
-    scan: NDArray[np.float32]
-    goal: NDArray[np.float32]
-    velocity: NDArray[np.float32]
-    uncertainty: NDArray[np.float32]
-    window: NDArray[np.float32]
-    waypoint: NDArray[np.float32]
-    remaining: NDArray[np.float32]
-    hypotheses: NDArray[np.float32]
+    scan: Floats32
+    goal: Floats32
+    velocity: Floats32
+    uncertainty: Floats32
+    window: Floats32
+    waypoint: Floats32
+    remaining: Floats32
+    hypotheses: Floats32

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.scans import check_rays
 from ambinav.casting.space import SpaceRays
 from ambinav.drive.world import unicycle
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.simulation.layout import SCANNER, Memory
@@ -45,7 +45,7 @@ class MeshScan:
         # Before threads start: Embree loads the mesh with the first ray.
         mesh.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
 
-    def sense(self, rows: NDArray[np.int64], memory: Memory) -> None:
+    def sense(self, rows: Ints, memory: Memory) -> None:
         """Simulate the scans of some robots at their true poses into their rows of `readings`."""
         settings, table = memory.settings[0], self._table
         truth = memory.state["truth"][rows]

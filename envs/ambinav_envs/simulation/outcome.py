@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ambinav.runtime.array_types import Floats, Floats32
 from ambinav_envs.plugged import Plugged
 from ambinav_envs.simulation.layout import View
 
@@ -21,11 +19,11 @@ class Outcome(NamedTuple):
     """
 
     view: View
-    figures: NDArray[np.float64]
+    figures: Floats
     plugged: Plugged
 
     @property
-    def observation(self) -> dict[str, NDArray[np.float32]]:
+    def observation(self) -> dict[str, Floats32]:
         """Enabled parts of the observation by name, shape (N, size)."""
         own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
         return own | self.plugged.parts

@@ -27,6 +27,7 @@ from ambinav.localization.filter_state import (
 from ambinav.localization.mcl_update import start_run, start_run_globally, update_run
 from ambinav.localization.random import states
 from ambinav.localization.scanner_settings import unsuited
+from ambinav.runtime.array_types import Floats, Floats32, Ints, UInts
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.parameters import NavigationParameters
@@ -100,40 +101,34 @@ class ParticleFilters:
         # The latest K + 1 of them where they are seen K steps late, as in `layout.Memory`.
         self._late = np.zeros((parameters.late_steps + 1, *self.clusters.shape))
 
-    def seed(self, i: int, stream: NDArray[np.uint64]) -> None:
+    def seed(self, i: int, stream: UInts) -> None:
         """Restart the random numbers of robot i from the words of a stream."""
         self.state.random[i] = states(np.random.Generator(np.random.PCG64(stream)), 1)[0]
 
-    def expect(self, i: int, starts: NDArray[np.float64]) -> None:
+    def expect(self, i: int, starts: Floats) -> None:
         """Let robot i start at some poses, see `aliases.hypotheses`."""
         self._starts[i] = 0.0
         self._starts[i, : len(starts)] = starts
 
-    def start(self, rows: NDArray[np.int64], robots: NDArray[np.void], site: ParticleMap) -> None:
+    def start(self, rows: Ints, robots: NDArray[np.void], site: ParticleMap) -> None:
         """Draw the particles of some robots from the mean and covariance of their records."""
         roots = covariance_roots(robots["covariance"][rows])
         _start(rows, robots, roots, site.model, self.state)
 
-    def share_out(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
+    def share_out(self, rows: Ints, site: ParticleMap) -> None:
         """Share the particles of some robots, which have just started, among those of `expect`."""
         share_out(rows, self._starts, site.model, self.state)
 
-    def start_globally(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
+    def start_globally(self, rows: Ints, site: ParticleMap) -> None:
         """Draw the particles of some robots uniformly over the free space and all headings."""
         _start_globally(rows, site.model, self.state)
 
-    def show(
-        self, rows: NDArray[np.int64], robots: NDArray[np.void], out: NDArray[np.float32]
-    ) -> None:
+    def show(self, rows: Ints, robots: NDArray[np.void], out: Floats32) -> None:
         """Write the clusters of some robots, see `observations.HYPOTHESES`, shape (N, 4 K)."""
         show_clusters(rows, robots, self.state, self.clusters, self._late, out)
 
     def update(
-        self,
-        rows: NDArray[np.int64],
-        robots: NDArray[np.void],
-        readings: NDArray[np.float64],
-        site: ParticleMap,
+        self, rows: Ints, robots: NDArray[np.void], readings: Floats, site: ParticleMap
     ) -> None:
         """Update some robots with odometry and readings, and write their estimates.
 

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.fan import cast_fan
 from ambinav.casting.plane.triangulation import locate
@@ -14,14 +13,13 @@ from ambinav.drive.world import unicycle
 from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.space_layout import InSpace
 from ambinav_envs.simulation.layout import SCANNER
 from ambinav_envs.simulation.obstacles import shade
 from ambinav_envs.simulation.space_scan import sense_in_space
-
-Floats = NDArray[np.float64]
 
 
 class ScannerArrays(NamedTuple):
@@ -48,10 +46,10 @@ class ScannerArrays(NamedTuple):
     moment: Floats
     height: Floats
     rise: Floats
-    sensor: NDArray[np.int64]
+    sensor: Ints
     shift: Floats
     std: Floats
-    run: NDArray[np.int64]
+    run: Ints
     reading: Floats
 
 
@@ -88,7 +86,7 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     )
 
 
-def _moments(scanner: RangeScanner, run: NDArray[np.int64]) -> Floats:
+def _moments(scanner: RangeScanner, run: Ints) -> Floats:
     """Return `ScannerArrays.moment`; by default the beams of a sensor follow each other in time."""
     moment = np.concatenate([np.arange(1 - count, 1) / count for count in np.diff(run)])
     first = 0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ambinav.config import nearest
 from ambinav.localization.ekf_update import Scratch, scratch_for
 from ambinav.localization.random import states_of_each, uniform
+from ambinav.runtime.array_types import Bools, Floats, Ints, UInts
 from ambinav.runtime.compiling import announce
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import share
@@ -60,8 +61,6 @@ from ambinav_envs.simulation.step import (
     advance,
 )
 from ambinav_envs.spaces import columns_of
-
-Floats = NDArray[np.float64]
 
 OPTIONS = ("start", "goal", "building")
 """Options of `reset`."""
@@ -234,7 +233,7 @@ class Simulation:
         self._advance(chosen, BEGIN, out)
         self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
-    def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
+    def step(self, actions: Floats, active: Bools | None, out: Outcome) -> None:
         """Step robots by one time step.
 
         Args:
@@ -260,7 +259,7 @@ class Simulation:
             self._advance(chosen, OBSERVE, out)
             self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
-    def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
+    def _draw(self, streams: UInts, given: Mapping[str, Any]) -> _Episode:
         """Draw the values of an episode that the options do not set."""
         p = self.parameters
         building, start, goal = given["building"], given["start"], given["goal"]
@@ -304,9 +303,7 @@ class Simulation:
         if door is not None:
             self.state["boxes"][i], self.boxes[i, 0], self.state["door"][i] = 1, door, True
 
-    def _start(
-        self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
-    ) -> None:
+    def _start(self, rows: Ints, tasks: Sequence[Task], streams: UInts) -> None:
         """Reset the records of robots whose episode starts."""
         fresh = np.zeros(len(rows), dtype=STATE)
         fresh["outcome"], fresh["random"] = RUNNING, streams
@@ -317,9 +314,7 @@ class Simulation:
         fresh["shortest"] = [task.distance for task in tasks]
         self.state[rows] = fresh
 
-    def _advance(
-        self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
-    ) -> None:
+    def _advance(self, rows: Ints, parts: int, out: Outcome, actions: Floats = NOTHING) -> None:
         """Run parts of a step for some robots, building by building, in threads."""
         rows, ends = self._by_building(rows)
 
@@ -344,7 +339,7 @@ class Simulation:
         share(advance_rows, len(rows), min(BLOCK, least) if len(rows) >= least else least)
 
     def _with_filters(
-        self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
+        self, rows: Ints, site: Site, parts: int, out: Outcome, actions: Floats,
         scratch: Scratch,
     ) -> None:  # fmt: skip
         """Run `_kernel` with the particle filters' kernel after the scan."""
@@ -369,7 +364,7 @@ class Simulation:
             filters.show(rows, self.state, out.view.hypotheses)
 
     def _kernel(
-        self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
+        self, rows: Ints, site: Site, parts: int, out: Outcome, actions: Floats,
         scratch: Scratch,
     ) -> None:  # fmt: skip
         """Run parts of a step for robots in one building, see `step.advance`."""
@@ -392,7 +387,7 @@ class Simulation:
             if full >= 0:
                 self._refuse(full)
 
-    def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
+    def _by_building(self, rows: Ints) -> tuple[Ints, list[int]]:
         """Sort robots by building; return them, and where each building's robots end."""
         if len(rows) == 1:
             return rows, [1]

@@ -6,12 +6,12 @@ from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
+from ambinav.runtime.array_types import Floats
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.aliases import Aliases
 from ambinav_envs.buildings.building import Building
@@ -29,7 +29,7 @@ from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 # Number of cached buildings; those with robots are always kept.
 KEPT = 512
 
-Noise = tuple[NDArray[np.float64], NDArray[np.float64]]
+Noise = tuple[Floats, Floats]
 
 
 class Site:

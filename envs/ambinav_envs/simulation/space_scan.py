@@ -7,11 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.casting.prisms.rays import (
-    cast_prism_rays,
-    cast_prism_sweep,
-    silence_oblique,
-)
+from ambinav.casting.prisms.rays import cast_prism_rays, cast_prism_sweep, silence_oblique
 from ambinav.casting.upright import box_entry, cylinder_entry
 from ambinav.drive.clutter import OBSTACLE_HEIGHT
 from ambinav.drive.people import PERSON_HEIGHT

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
     VecEnvWrapper,
 )
 
+from ambinav.runtime.array_types import Floats32
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.corrected import CORRECTION, HOLD, MOTION, Corrector, with_motion
 
@@ -44,7 +45,7 @@ class CorrectedVecEnv(VecEnvWrapper):
         self._corrector.configure(parameters)
         self._corrector.prepare(envs.observation_space, envs.action_space)
         super().__init__(envs, with_motion(envs.observation_space), CORRECTION)
-        self._seen: dict[str, NDArray[np.float32]] = {}
+        self._seen: dict[str, Floats32] = {}
         self._starts = np.ones(envs.num_envs, dtype=np.bool_)
         self._corrections = np.zeros((envs.num_envs, 2))
         if state is not None:

@@ -21,11 +21,7 @@ SAC: Final = {
     "tau": 0.005, "gamma": 0.99, "train_freq": 1, "gradient_steps": 8, "ent_coef": "auto",
     "target_update_interval": 1, "target_entropy": "auto", "use_sde": False, "sde_sample_freq": -1,
 }  # fmt: skip
-DEFAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "ppo": PPO,
-    "sac": SAC,
-    "recurrent-ppo": PPO,
-}
+DEFAULTS: Final[Mapping[str, Mapping[str, Any]]] = {"ppo": PPO, "sac": SAC, "recurrent-ppo": PPO}
 """Defaults by algorithm; those of Stable-Baselines3 where many environments do not ask for others.
 """
 

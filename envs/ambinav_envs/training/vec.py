@@ -49,10 +49,7 @@ class TrainingEnvs:
         if wanted.observations or wanted.reward:
             gamma = config.hyperparameters["gamma"]
             self.normalize = VecNormalize(
-                self.monitor,
-                norm_obs=wanted.observations,
-                norm_reward=wanted.reward,
-                gamma=gamma,
+                self.monitor, norm_obs=wanted.observations, norm_reward=wanted.reward, gamma=gamma
             )
         if state is not None:
             self.monitor.episode_returns, self.monitor.episode_lengths = state["episodes"]

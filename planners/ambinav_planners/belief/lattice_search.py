@@ -31,12 +31,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.maps.lattice_values import value_at
+from ambinav.runtime.array_types import Floats, Indices, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -56,13 +56,11 @@ from ambinav_planners.search.labels import (
     path_back,
 )
 
-Floats = NDArray[np.float64]
-
 
 class GrowthArrays(NamedTuple):
     """The arrays of a `Growth` for the kernels; see there."""
 
-    first: NDArray[np.int64]
+    first: Ints
     add: Floats
     shrink: Floats
 
@@ -98,7 +96,7 @@ class Growth:
         shrink: float64, shape (P,), 1/m^2.
     """
 
-    first: NDArray[np.int64]
+    first: Ints
     add: Floats
     shrink: Floats
 
@@ -205,7 +203,7 @@ def belief_search(
     return Belief(path, std_along(growth, path.motions, model.std))
 
 
-def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
+def std_along(growth: Growth, motions: Indices, std: float) -> Floats:
     """Return the standard deviation at the nodes of a path, metres, shape (motions + 1,)."""
     out = np.empty(len(motions) + 1)
     _std_along(growth.arrays, motions, std, out)

@@ -21,10 +21,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.forecasting.filter_kernel import axes, between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.costs_to_go import cost_to_go
@@ -41,8 +41,6 @@ from ambinav_planners.search.labels import (
     no_labels,
     path_back,
 )
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 4.0 / 3.0
 """Shares and variances that differ by less than this factor are the same."""
@@ -76,7 +74,7 @@ class _Beliefs(NamedTuple):
     outside: Floats
     tracked: Floats
     size: Floats
-    before: NDArray[np.int64]
+    before: Ints
 
 
 def search_within(

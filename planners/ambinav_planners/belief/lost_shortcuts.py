@@ -7,14 +7,12 @@ first, where the robot gets through and the forecast of the whole route stays wi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.service.service import AmbiguityService
-
-Floats = NDArray[np.float64]
 
 OVERLAP = 4
 """Parts of equal length are tried from every so-many-th of their length on."""

@@ -31,19 +31,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise, PackedNoise
 from ambinav.forecasting.information_field import InformationField, information_at
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
 
 
 class TransferArrays(NamedTuple):
@@ -122,7 +120,7 @@ class BeliefRoadmap:
         """The effects of the motions, for the kernels."""
         return TransferArrays(self.carry, self.noise, self.seen, self.heading, self.odometry)
 
-    def along(self, motions: NDArray[np.intp], covariance: Floats) -> Floats:
+    def along(self, motions: Indices, covariance: Floats) -> Floats:
         """Return covariances at a path's nodes, shape (motions + 1, 3, 3): metres and radians.
 
         At a node the robot has not yet turned to where it goes next.

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
@@ -38,8 +39,6 @@ from ambinav_planners.search.labels import (
     path_back,
     reversed_graph,
 )
-
-Floats = NDArray[np.float64]
 
 MEASURES = ("trace", "weak")
 """Deviation of the position in metres: root of the trace of the covariance's xy block, or root of

@@ -27,11 +27,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

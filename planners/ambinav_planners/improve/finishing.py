@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.sweep import motion_free, pose_free
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav_planners.improve.legal import improve_legally
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.improve.route import improve
@@ -34,7 +34,7 @@ def finish(
     seed: int | None,
     *,
     improved: bool = True,
-    on_path: Callable[[NDArray[np.float64]], None] | None = None,
+    on_path: Callable[[Floats], None] | None = None,
 ) -> Route:
     """Improve and measure a planner's result.
 
@@ -100,7 +100,7 @@ def warm_up(problem: Problem) -> None:
     _warm.add(key)
 
 
-def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
+def is_free(poses: Floats, problem: Problem) -> bool:
     """Return whether every motion of a path is free.
 
     A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
@@ -115,10 +115,8 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
 
 
 def _cheapest_improved(
-    routes: list[NDArray[np.float64]],
-    problem: Problem,
-    on_path: Callable[[NDArray[np.float64]], None] | None,
-) -> NDArray[np.float64]:
+    routes: list[Floats], problem: Problem, on_path: Callable[[Floats], None] | None
+) -> Floats:
     """Return the cheapest of the improved routes and of the combination of their best parts."""
     improved = []
     for poses in routes:
@@ -134,7 +132,7 @@ def _cheapest_improved(
     return min(improved, key=lambda poses: problem.service.route_cost(poses, problem.steering))
 
 
-def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
+def _improve(poses: Floats, problem: Problem) -> Floats:
     """Return the improved route; it keeps the limit on consecutive bad metres if `poses` does.
 
     A route that is called free in the other direction only (see `is_free`) is left as it is.

@@ -8,13 +8,11 @@ decimetres to millimetres, as long as no motion goes against a lane.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav_planners.improve.route import improve
 from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.problem import Problem
-
-Floats = NDArray[np.float64]
 
 SPACING = 1.0
 """Metres from one vertex to the next at most, before they are moved."""

@@ -12,14 +12,12 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.runtime.array_types import Floats
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.improve.route import improve
 from ambinav_planners.search.limit import BadStretchLimit
-
-Floats = NDArray[np.float64]
 
 # Prices of a bad metre, in metres-equivalent, relative to the dearest metre; and how often the
 # bracket between the last one that was too low and the first one that was not is halved.

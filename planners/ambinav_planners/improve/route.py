@@ -16,10 +16,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.motion.steering import FACING, STRAIGHT, checked_poses
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.improve.bezier import round_corners
@@ -31,8 +32,6 @@ from ambinav_planners.improve.kernel import (
     stations,
     travelled,
 )
-
-Floats = NDArray[np.float64]
 
 # Shortcuts are looked for between points this far apart, metres, ...
 SHORTCUT_SPACING = 0.3
@@ -225,13 +224,11 @@ class _Workbench:
             route = self.chain(candidates, np.arange(len(route)) - 1, route)
         return route
 
-    def chain(self, candidates: Floats, first: NDArray[np.int64], route: Floats) -> Floats:
+    def chain(self, candidates: Floats, first: Ints, route: Floats) -> Floats:
         """Return the cheapest chain, or the route itself if no chain is free."""
         return self.priced(candidates, first, route)[0]
 
-    def priced(
-        self, candidates: Floats, first: NDArray[np.int64], route: Floats
-    ) -> tuple[Floats, float]:
+    def priced(self, candidates: Floats, first: Ints, route: Floats) -> tuple[Floats, float]:
         """Return the result of `chain` and its cost; inf if no chain is free."""
         chain, cost = cheapest_chain(
             self.kind, self.radius, np.ascontiguousarray(candidates),

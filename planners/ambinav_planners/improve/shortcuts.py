@@ -7,13 +7,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.sphere import SphereChecker, sphere_free
+from ambinav.runtime.array_types import Floats
 from ambinav.service.motion import integral_in_space
 from ambinav.service.volume_service import VolumeService
-
-Floats = NDArray[np.float64]
 
 STEP: Final = 0.5
 """Distance between points along a path that shortcuts lead from and to, at most, metres."""

@@ -13,15 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.graph import MotionGraph, walk_back
-
-Floats = NDArray[np.float64]
 
 # How many paths are found at most.
 PATHS = 5
@@ -52,7 +50,7 @@ class Corridors:
 
     graph: MotionGraph
     apart: float
-    seen: NDArray[np.bool_]
+    seen: Bools
     _places: cKDTree
 
     @classmethod
@@ -65,11 +63,11 @@ class Corridors:
         seen = np.zeros(len(graph.poses), dtype=np.bool_)
         return cls(graph, NEAR_SHARE * width, seen, cKDTree(graph.poses[:, :2]))
 
-    def leads_elsewhere(self, nodes: NDArray[np.intp]) -> bool:
+    def leads_elsewhere(self, nodes: Indices) -> bool:
         """Return whether a path leaves the surroundings of the others."""
         return bool((~self.seen[nodes]).mean() > OTHER_SHARE)
 
-    def dearer(self, cost: Floats, nodes: NDArray[np.intp]) -> Floats:
+    def dearer(self, cost: Floats, nodes: Indices) -> Floats:
         """Add a path; return the costs of the motions, shape (E,), higher near that path."""
         near = np.zeros(len(self.seen), dtype=np.bool_)
         points = self.graph.steering.dense(self.graph.poses[nodes], self.apart)[0]
@@ -80,7 +78,7 @@ class Corridors:
         return np.where(inside, cost * (1.0 + DEARER), cost)
 
 
-def within_cost(graph: MotionGraph, cost: Floats, most: float) -> NDArray[np.bool_]:
+def within_cost(graph: MotionGraph, cost: Floats, most: float) -> Bools:
     """Return nodes on paths of at most a cost from start to goal, the last two nodes."""
     matrix = graph.matrix(np.maximum(cost, LEAST))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1

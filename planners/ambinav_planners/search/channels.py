@@ -13,15 +13,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav_planners.search.ridges import decreases, ridge
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Points stand this far apart along a channel: as a share of the lattice's spacing, and of the
 # robot's radius, which bounds how sharply a channel bends; but never closer than the last share.
@@ -128,7 +125,7 @@ def edge_poses(
     return np.asarray(inside[each, best][room[each, best] > -math.inf])
 
 
-def _distinct(points: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
+def _distinct(points: Floats, apart: float) -> tuple[Floats, Indices]:
     """Keep one point in each square of a grid, shape (K, 2); return them and their indices."""
     _, first = np.unique(np.round(points / apart), axis=0, return_index=True)
     first = np.sort(first)

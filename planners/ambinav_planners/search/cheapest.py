@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav_planners.problem import Problem
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.limit import BadStretchLimit
@@ -13,11 +11,8 @@ from ambinav_planners.search.stretches import bad_stretches
 
 
 def cheapest_within(
-    graph: MotionGraph,
-    problem: Problem,
-    limit: BadStretchLimit,
-    cost: NDArray[np.float64] | None = None,
-) -> NDArray[np.intp] | None:
+    graph: MotionGraph, problem: Problem, limit: BadStretchLimit, cost: Floats | None = None
+) -> Indices | None:
     """Return nodes of the cheapest path that keeps a limit on consecutive bad metres, or None.
 
     Start and goal are the graph's last two nodes. `cost` is what each motion costs, shape (E,);
@@ -31,7 +26,7 @@ def cheapest_within(
     return None if path is None else path.nodes
 
 
-def cheapest_on(graph: MotionGraph, problem: Problem) -> NDArray[np.float64] | None:
+def cheapest_on(graph: MotionGraph, problem: Problem) -> Floats | None:
     """Return poses of the cheapest path between the last two nodes, shape (N, 3), or None.
 
     It keeps the problem's limit, if there is one.

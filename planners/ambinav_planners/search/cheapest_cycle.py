@@ -13,12 +13,10 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array, csr_array, vstack
 
-Floats = NDArray[np.float64]
-
+from ambinav.runtime.array_types import Floats, Indices
 
 INFEASIBLE = 2
 """Status of a program without a solution (`scipy.optimize.milp`)."""
@@ -93,13 +91,13 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
         most += [len(cycle) - 1.0 for cycle in cycles]
 
 
-def _among(nodes: tuple[int, ...], source: NDArray[np.intp], target: NDArray[np.intp]) -> csr_array:
+def _among(nodes: tuple[int, ...], source: Indices, target: Indices) -> csr_array:
     """Return the row that counts the arcs among some nodes."""
     row = (np.isin(source, nodes) & np.isin(target, nodes)).astype(np.float64)
     return csr_array(row[np.newaxis])
 
 
-def _cycles(after: NDArray[np.intp]) -> list[tuple[int, ...]]:
+def _cycles(after: Indices) -> list[tuple[int, ...]]:
     """Return the cycles of a permutation, that of node 0 first."""
     seen, cycles = np.zeros(len(after), dtype=np.bool_), []
     for first in range(len(after)):

@@ -11,16 +11,14 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.graph import MotionGraph, joined, walk_back
 from ambinav_planners.search.labels import ROOM, drop_first, grown, push
 from ambinav_planners.search.lattice_graph import LatticeGraph
-
-Floats = NDArray[np.float64]
 
 # So far below the true one, as a share, the bound of a path's cost is set, against rounding.
 BELOW = 1e-6
@@ -62,7 +60,7 @@ def corridor(
     costs = graph.fixed, graph.exposure, service.weight
     least = (1.0 - BELOW) * float(service.density.values.min())
 
-    def searched(least: float, ratio: float) -> tuple[float, NDArray[np.float64]]:
+    def searched(least: float, ratio: float) -> tuple[float, Floats]:
         best, node, come, before = _search_on(
             graph.first, graph.target, *costs, graph.poses, ends[1], least, more.target[seen],
             cost[seen], to_goal, direct, ratio,

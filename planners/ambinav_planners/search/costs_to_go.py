@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Indices
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import ROOM, drop_first, grown, push, reversed_graph
-
-Floats = NDArray[np.float64]
 
 
 class CostsToGo:
@@ -46,7 +45,7 @@ class CostsToGo:
         # Nodes whose costs have fallen, and those that may profit by it do not know it yet.
         self._waiting = np.array([goal])
 
-    def change(self, motions: NDArray[np.intp], cost: Floats) -> None:
+    def change(self, motions: Indices, cost: Floats) -> None:
         """Change the costs of motions, shape (K,) each."""
         graph = self._graph
         dearer = motions[cost > self._cost[motions]]
@@ -68,7 +67,7 @@ class CostsToGo:
 
     def settle(
         self,
-        near: NDArray[np.intp] | None = None,
+        near: Indices | None = None,
         cost: Floats | None = None,
         place: tuple[float, float] = (0.0, 0.0),
         least: float = 0.0,
@@ -89,7 +88,7 @@ class CostsToGo:
             graph.poses, place, least, near, cost,
         )  # fmt: skip
 
-    def path(self, node: int) -> NDArray[np.intp]:
+    def path(self, node: int) -> Indices:
         """Return the nodes of the cheapest path from a node that leads to the goal, both ends."""
         nodes = [node]
         while self.onward[nodes[-1]] >= 0:

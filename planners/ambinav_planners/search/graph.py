@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 class GraphArrays(NamedTuple):
     """The arrays of a `MotionGraph` for the kernels; see there."""
 
-    first: NDArray[np.int64]
-    target: NDArray[np.int32]
-    length: NDArray[np.float32]
+    first: Ints
+    target: Ints32
+    length: Floats32
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,21 +45,17 @@ class MotionGraph:
         steering: The kind of motion.
     """
 
-    poses: NDArray[np.float64]
-    first: NDArray[np.int64]
-    target: NDArray[np.int32]
-    length: NDArray[np.float32]
-    fixed: NDArray[np.float32]
-    exposure: NDArray[np.float32]
+    poses: Floats
+    first: Ints
+    target: Ints32
+    length: Floats32
+    fixed: Floats32
+    exposure: Floats32
     steering: Steering
 
     @classmethod
     def of_motions(
-        cls,
-        poses: NDArray[np.float64],
-        pairs: NDArray[np.int32],
-        service: AmbiguityService,
-        checker: CollisionChecker,
+        cls, poses: Floats, pairs: Ints32, service: AmbiguityService, checker: CollisionChecker
     ) -> MotionGraph:
         """Keep the free motions, and measure them with the service's integral.
 
@@ -80,8 +77,8 @@ class MotionGraph:
     @classmethod
     def of_free(
         cls,
-        poses: NDArray[np.float64],
-        pairs: NDArray[np.int32],
+        poses: Floats,
+        pairs: Ints32,
         service: AmbiguityService,
         steering: Steering,
         *,
@@ -127,17 +124,17 @@ class MotionGraph:
         return GraphArrays(self.first, self.target, self.length)
 
     @property
-    def source(self) -> NDArray[np.int32]:
+    def source(self) -> Ints32:
         """Start node of each motion, int32, shape (E,)."""
         return np.repeat(
             np.arange(len(self.poses), dtype=np.int32), np.diff(self.first).astype(np.intp)
         )
 
-    def cost(self, weight: float) -> NDArray[np.float64]:
+    def cost(self, weight: float) -> Floats:
         """Return the cost of every motion at a weight, shape (E,), metres-equivalent."""
         return np.float64(weight) * self.exposure + self.fixed
 
-    def part(self, kept: NDArray[np.bool_]) -> MotionGraph:
+    def part(self, kept: Bools) -> MotionGraph:
         """Return the subgraph of some nodes, bool, shape (N,), in their order."""
         nodes = np.flatnonzero(kept)
         number = np.full(len(kept), -1, dtype=np.int32)
@@ -148,15 +145,13 @@ class MotionGraph:
             poses=self.poses[nodes],
         )
 
-    def without(self, dropped: NDArray[np.bool_]) -> MotionGraph:
+    def without(self, dropped: Bools) -> MotionGraph:
         """Return the graph without some motions, bool, shape (E,)."""
         count = np.bincount(self.source[~dropped], minlength=len(self.poses))
         first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         return self._with_motions(first, ~dropped, self.target[~dropped])
 
-    def _with_motions(
-        self, first: NDArray[np.int64], motions: NDArray[Any], target: NDArray[np.int32]
-    ) -> MotionGraph:
+    def _with_motions(self, first: Ints, motions: NDArray[Any], target: Ints32) -> MotionGraph:
         """Return the graph with some of its motions, given by number or as a mask."""
         length = self.length[motions]
         return replace(
@@ -168,23 +163,21 @@ class MotionGraph:
             exposure=self.exposure[motions],
         )
 
-    def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
+    def matrix(self, values: Floats) -> csr_matrix:
         """Return values of the motions, shape (E,), as a sparse matrix from node to node."""
         count = len(self.poses)
         return csr_matrix((values, self.target, self.first), shape=(count, count))
 
-    def components(self) -> NDArray[np.int32]:
+    def components(self) -> Ints32:
         """Return the component number of each node, int32, shape (N,)."""
         _, labels = connected_components(self.matrix(np.ones_like(self.length)), directed=False)
         return np.asarray(labels, dtype=np.int32)
 
-    def cheapest(self, start: int, goal: int, weight: float) -> NDArray[np.intp] | None:
+    def cheapest(self, start: int, goal: int, weight: float) -> Indices | None:
         """Return nodes of the cheapest path from `start` to `goal`, or None if there is none."""
         return self.cheapest_at(self.cost(weight), start, goal)
 
-    def cheapest_at(
-        self, cost: NDArray[np.float64], start: int, goal: int
-    ) -> NDArray[np.intp] | None:
+    def cheapest_at(self, cost: Floats, start: int, goal: int) -> Indices | None:
         """Return the result of `cheapest` for motion costs `cost`, shape (E,), at least 0."""
         costs = np.maximum(cost, 1e-12)  # scipy takes an explicit zero for no edge
         distance, before = dijkstra(self.matrix(costs), indices=start, return_predecessors=True)
@@ -193,7 +186,7 @@ class MotionGraph:
         return walk_back(before, start, goal)
 
 
-def walk_back(before: NDArray[np.int32], start: int, goal: int) -> NDArray[np.intp]:
+def walk_back(before: Ints32, start: int, goal: int) -> Indices:
     """Return nodes from `start` to `goal`, given the predecessors `before`, both included."""
     nodes = [goal]
     while nodes[-1] != start:

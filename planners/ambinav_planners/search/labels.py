@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats, Indices, Ints, Ints32
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
 
 ROOM = 1024
 """Labels that there is room for at first."""
@@ -37,12 +35,12 @@ class Labels(NamedTuple):
         items: int64: the labels in the heap.
     """
 
-    at: NDArray[np.int32]
-    parent: NDArray[np.int64]
-    motion: NDArray[np.int64]
+    at: Ints32
+    parent: Ints
+    motion: Ints
     spent: Floats
     keys: Floats
-    items: NDArray[np.int64]
+    items: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,8 @@ class SearchPath:
         labels: How many labels the search went on with.
     """
 
-    nodes: NDArray[np.intp]
-    motions: NDArray[np.intp]
+    nodes: Indices
+    motions: Indices
     cost: float
     labels: int
 
@@ -74,9 +72,7 @@ def check_node(graph: MotionGraph, name: str, node: int) -> int:
     return int(node)
 
 
-def path_back(
-    graph: MotionGraph, start: int, motion: NDArray[np.int64], cost: float, labels: int
-) -> SearchPath:
+def path_back(graph: MotionGraph, start: int, motion: Ints, cost: float, labels: int) -> SearchPath:
     """Return the path whose motions are `motion`, from the goal back to the start."""
     motions = motion[::-1].astype(np.intp)
     nodes = np.concatenate([[start], graph.target[motions]]).astype(np.intp)

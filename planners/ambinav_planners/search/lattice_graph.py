@@ -11,10 +11,10 @@ from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.floor import free_cells
 from ambinav_planners.search.channels import channel_poses, edge_poses
@@ -41,7 +41,7 @@ class LatticeGraph:
     """
 
     graph: MotionGraph
-    cell: NDArray[np.int32]
+    cell: Ints32
     service: AmbiguityService
     parts: int = 1
 
@@ -76,7 +76,7 @@ class LatticeGraph:
         return cls(graph, cell, service, parts)
 
     @cached_property
-    def into(self) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int64]]:
+    def into(self) -> tuple[Ints, Ints32, Ints]:
         """The motions by the nodes that they lead to, as `labels.reversed_graph` has them.
 
         Without numbers where each motion costs as much as its way back, which stands in its place.
@@ -86,11 +86,11 @@ class LatticeGraph:
             return begin, source, motion
         return self.graph.first, self.graph.target, np.empty(0, dtype=np.int64)
 
-    def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
+    def with_ends(self, ends: Floats, checker: CollisionChecker) -> MotionGraph:
         """Return the graph with more poses, (K, 3), as its last nodes; see `end_motions`."""
         return joined(self.graph, self.end_motions(ends, checker))
 
-    def end_motions(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
+    def end_motions(self, ends: Floats, checker: CollisionChecker) -> MotionGraph:
         """Return the motions between more poses, (K, 3), and the cells in free line of sight.
 
         The poses are the last K nodes, after those of the lattice. They are joined to each other
@@ -118,14 +118,12 @@ class LatticeGraph:
             pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))
         return MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, checker)
 
-    def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
+    def labels(self, components: Ints32) -> Ints32:
         """Return the component of every cell, int32, (rows, columns); -1 where nothing fits."""
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
 
 
-def _cells(
-    service: AmbiguityService, parts: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]:
+def _cells(service: AmbiguityService, parts: int) -> tuple[Floats, Floats, Bools, float]:
     """Return columns and rows of the subdivided lattice, which cells are free, and the spacing."""
     dataset = service.map.dataset
     spacing = service.map.spacing / parts
@@ -136,9 +134,7 @@ def _cells(
     return x, y, free_cells(service.map, x, y), spacing
 
 
-def _pairs_near(
-    poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
-) -> NDArray[np.int32]:
+def _pairs_near(poses: Floats, added: Floats, reach: float) -> Ints32:
     """Return pairs of added points with each other and earlier poses, no pair twice."""
     tree, count = cKDTree(added[:, :2]), len(poses)
     among = tree.query_pairs(reach, output_type="ndarray") + count

@@ -10,18 +10,16 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.sweep import motion_free
+from ambinav.runtime.array_types import Floats, Indices, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.service.motion import motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
 
 STEPS: Final = np.array(
     [
@@ -41,9 +39,9 @@ MARGIN: Final = int(np.abs(STEPS).max())
 
 def lattice_motions(
     poses: Floats,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    cell: NDArray[np.int32],
+    rows: Indices,
+    columns: Indices,
+    cell: Ints32,
     spacing: float,
     service: AmbiguityService,
     checker: CollisionChecker,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.config import as_number
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.graph import MotionGraph
@@ -42,15 +42,13 @@ class BadStretchLimit:
         object.__setattr__(self, "metres", metres)
         object.__setattr__(self, "level", level)
 
-    def kept_by(
-        self, poses: NDArray[np.float64], service: AmbiguityService, steering: Steering
-    ) -> bool:
+    def kept_by(self, poses: Floats, service: AmbiguityService, steering: Steering) -> bool:
         """Return whether a path through poses, shape (N, 3), keeps the limit."""
         return longest_bad(poses, service, steering, self.level) <= self.metres + 1e-6
 
 
 def longest_bad(
-    poses: NDArray[np.float64], service: AmbiguityService, steering: Steering, level: float
+    poses: Floats, service: AmbiguityService, steering: Steering, level: float
 ) -> float:
     """Return the longest stretch above a level of the layer on a path (N, 3), metres."""
     motions = len(poses) - 1

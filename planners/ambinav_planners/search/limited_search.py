@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.costs_to_go import cost_to_go
@@ -33,19 +33,12 @@ from ambinav_planners.search.labels import (
 )
 from ambinav_planners.search.stretches import Stretches
 
-Floats = NDArray[np.float64]
-
 # Sums of the same lengths in another order may differ by rounding.
 ROUNDING = 1e-9
 
 
 def limited_search(
-    graph: MotionGraph,
-    cost: Floats,
-    stretches: Stretches,
-    limit: float,
-    start: int,
-    goal: int,
+    graph: MotionGraph, cost: Floats, stretches: Stretches, limit: float, start: int, goal: int
 ) -> SearchPath | None:
     """Find the cheapest path with at most `limit` consecutive metres on bad floor.
 

@@ -20,6 +20,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.obstacles import FORBIDDEN_INVERSE, FORBIDDEN_X, FORBIDDEN_Y
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.threads import run_rows, share
 from ambinav.service.field import Field
 from ambinav_planners.problem import Problem
@@ -32,9 +33,6 @@ from ambinav_planners.search.subsolution import (
     to_coefficients,
     upwind_costs,
 )
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 # Iterations of `relax` on the first grid, as `ROUNDS`.
 FIRST_ROUNDS, FIRST_ROUNDS_BY_HEADING = (0, 10, 20, 40), (0, 20, 80, 320)
@@ -128,7 +126,7 @@ def _allowed(problem: Problem) -> Field:
 
 def _bounds(
     grid: ProofGrid,
-    limits: tuple[NDArray[np.float32], NDArray[np.float32]],
+    limits: tuple[Floats32, Floats32],
     places: tuple[Place, Place],
     known: float,
     iterations: int,
@@ -158,7 +156,7 @@ def _bounds(
     return bounds
 
 
-def _upwind(grid: ProofGrid, radii: NDArray[np.float32], place: Place, known: float) -> Floats:
+def _upwind(grid: ProofGrid, radii: Floats32, place: Place, known: float) -> Floats:
     """Return upwind costs to a place, (R, C), at most `known`."""
     seeds = np.arange(radii[:, :, 0].size).reshape(radii.shape[:2])[grid.block(place)].ravel()
     step, order = radii.max(axis=2).astype(np.float64), 1 if radii.shape[2] > 1 else 2

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from ambinav.geometry.collision.sphere import SphereChecker
+from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.threads import run_rows, share
 from ambinav.service.volume_service import VolumeService
 from ambinav_planners.search.proof_grid import BINS, ROUNDING, Place, ProofGrid, flattened, prove
@@ -25,9 +25,6 @@ from ambinav_planners.search.subsolution_in_space import (
     to_coefficients_in_space,
     upwind_costs_in_space,
 )
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 # Iterations of `relax_in_space` on the first grid, as `ROUNDS`.
 FIRST_ROUNDS = (0, 20, 40, 80)
@@ -84,9 +81,7 @@ def _reached(service: VolumeService, checker: SphereChecker, start: Place) -> Pr
     return replace(grid, open_cells=reached, kept=np.zeros((2, *(2 * n + 1 for n in counts))))
 
 
-def _parts(
-    service: VolumeService, checker: SphereChecker
-) -> tuple[ProofGrid, ProofGrid, NDArray[np.int32]]:
+def _parts(service: VolumeService, checker: SphereChecker) -> tuple[ProofGrid, ProofGrid, Ints32]:
     """Return the first grid, a finer one, and the connected pieces of what paths may meet of that.
 
     The cells are parts of those between the points of the volume's lattice, no larger than the

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import chain, repeat
 
 import numpy as np
-from numpy.typing import NDArray
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats, Indices
+
 Place = tuple[float, ...]
 
 # Iterations on the finer grids, one number a round: after each, fewer cells are left.
@@ -52,7 +51,7 @@ class ProofGrid:
             for first, edge, count in zip(self.origin, self.edges, self.kept.shape[1:], strict=True)
         )
 
-    def centres(self) -> tuple[tuple[NDArray[np.intp], ...], tuple[Floats, ...]]:
+    def centres(self) -> tuple[tuple[Indices, ...], tuple[Floats, ...]]:
         """Return indices and centres of the open cells, along each axis."""
         cells = np.nonzero(self.open_cells)
         middle = tuple(

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav_planners.problem import Pose, Problem
 from ambinav_planners.search.lattice_graph import lattice_of
@@ -40,7 +39,7 @@ class NoPathError(InputError):
     def __init__(
         self,
         message: str,
-        labels: NDArray[np.int32],
+        labels: Ints32,
         start_label: int,
         goal_label: int,
         start: Pose,
@@ -126,7 +125,7 @@ def check_reachable(problem: Problem) -> None:
     )
 
 
-def _in_one_part(checker: CollisionChecker, ends: NDArray[np.float64]) -> bool:
+def _in_one_part(checker: CollisionChecker, ends: Floats) -> bool:
     """Return whether both ends lie in one part of the floor that a disc's centre can reach.
 
     The lattice misses channels that are narrower than its spacing; this does not.

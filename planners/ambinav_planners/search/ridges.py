@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import squared_distance
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-
-Floats = NDArray[np.float64]
 
 # Directions across a channel, unit vectors 22.5 degrees apart.
 ACROSS = np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 8.0])

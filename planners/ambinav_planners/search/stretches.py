@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.maps.lattice_values import value_at
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.service.field import Field
 from ambinav_planners.search.graph import MotionGraph
-
-Floats = NDArray[np.float64]
 
 # Between points so many to a cell the layer is taken as linear.
 POINTS_PER_CELL = 4.0
@@ -36,7 +34,7 @@ class Stretches:
     head: Floats
     tail: Floats
     longest: Floats
-    all_bad: NDArray[np.bool_]
+    all_bad: Bools
 
 
 def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:

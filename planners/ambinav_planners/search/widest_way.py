@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav_planners.search.graph import walk_back
-
-Floats = NDArray[np.float64]
 
 # The narrowest place is looked at again on points so many times nearer to each other, within so
 # many spacings.
@@ -109,7 +107,7 @@ def _path(
     return np.asarray(points[walk_back(before, count - 2, count - 1)])
 
 
-def _neighbours(number: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+def _neighbours(number: Ints) -> list[tuple[Ints, Ints]]:
     """Return pairs of neighbours among points of a lattice, numbered; -1 where there is none."""
     rows, columns = number.shape
     pairs = []

@@ -142,10 +142,7 @@ def update(*keys: str, to: Any) -> Callable[[dict[str, Any]], None]:
         (update("normalization", to={"clip": -1.0, "epsilon": 1e-8}), "give clip and epsilon"),
         (update("environment", "window_cells", to="many"), "window_cells"),
         (update("environment", "window_cells", to=1 << 20), "window_cells is 1048576"),
-        (
-            update("environment", "scanner", to={"yaml": WIDE}),
-            "scanner has 1,000,000,000 beams",
-        ),
+        (update("environment", "scanner", to={"yaml": WIDE}), "scanner has 1,000,000,000 beams"),
         (update("environment", to=3), "environment must be"),
         (update("format", to=[3]), "not of format"),
     ],

@@ -19,10 +19,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.policies.reactive.arcs import free_lengths, stopping_speed
 from ambinav_envs.policies.reactive.dwa import Dwa
-from ambinav_envs.policies.reactive.echoes import (
-    ScanPoints,
-    nearest_by_direction,
-)
+from ambinav_envs.policies.reactive.echoes import ScanPoints, nearest_by_direction
 from ambinav_envs.policies.reactive.memory import EchoFilter, EchoMemory
 from ambinav_envs.policies.reactive.parameters import DwaParameters, VfhParameters
 from ambinav_envs.policies.reactive.situation import Situation

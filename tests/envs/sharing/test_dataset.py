@@ -17,12 +17,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.evaluation import episode_seeds, evaluate_in
 from ambinav_envs.leaderboard import dataset as module
 from ambinav_envs.leaderboard.dataset import dataset_id, record_datasets
-from ambinav_envs.leaderboard.methods import (
-    Method,
-    follower_method,
-    planner_methods,
-    policy_method,
-)
+from ambinav_envs.leaderboard.methods import Method, follower_method, planner_methods, policy_method
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.scenario import scenario

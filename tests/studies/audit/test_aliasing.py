@@ -69,9 +69,7 @@ def test_equal_rooms_are_paired(found):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("make", "fold"),
-    [(symmetric.crossing, 4), (symmetric.hexagon, 6)],
-    ids=["crossing", "hexagon"],
+    ("make", "fold"), [(symmetric.crossing, 4), (symmetric.hexagon, 6)], ids=["crossing", "hexagon"]
 )
 def test_turned_places_are_paired(make, fold, laser):
     """Each arm with all the others, a place at its start's own turned by whole steps."""

@@ -20,13 +20,7 @@ from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.audit import Audit, audit
-from ambinav.studies.audit.lost_routes import (
-    PAIRS,
-    SEED,
-    STEP,
-    find_lost_routes,
-    lost_part,
-)
+from ambinav.studies.audit.lost_routes import PAIRS, SEED, STEP, find_lost_routes, lost_part
 from ambinav.studies.audit.report import write_audit
 from tests.geometry import scenes
 

@@ -37,10 +37,7 @@ def measured(lost: int, error: ArrayLike, collided: int = 0) -> Metrics:
 
 
 def judged(
-    ours: Metrics,
-    theirs: Metrics,
-    extra: float = 0.05,
-    criterion: AcceptanceCriterion = CRITERION,
+    ours: Metrics, theirs: Metrics, extra: float = 0.05, criterion: AcceptanceCriterion = CRITERION
 ) -> Verdict:
     lengths = (40.0 * (1.0 + extra), 40.0)
     return judge_route(ours, theirs, lengths, np.random.default_rng(1), criterion)

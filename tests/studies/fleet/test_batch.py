@@ -84,10 +84,7 @@ def test_parts_work_beside_each_other_but_not_beside_the_whole(sites: Path, tmp_
         assert leftover.exists()
         with pytest.raises(InputError, match="another run is at work here"):
             run_fleet(units, out, SETTINGS, workers=0)
-    with (
-        STUDY.folder.hold(out),
-        pytest.raises(InputError, match="another run is at work here"),
-    ):
+    with STUDY.folder.hold(out), pytest.raises(InputError, match="another run is at work here"):
         run_batch(units, out, SETTINGS, Batch(1, 3), workers=0)
     with pytest.raises(InputError, match=r"--batch: 7/7 is empty, as there are only 6 audits"):
         run_batch(units, out, SETTINGS, Batch(7, 7), workers=0)

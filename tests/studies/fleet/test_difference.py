@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ambinav.studies.fleet.difference import (
-    QUANTITIES,
-    FleetDifference,
-    SiteChange,
-)
+from ambinav.studies.fleet.difference import QUANTITIES, FleetDifference, SiteChange
 from ambinav.studies.fleet.difference import _change as change_of
 from ambinav.studies.fleet.document import FleetFigures
 

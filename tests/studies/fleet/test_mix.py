@@ -23,11 +23,7 @@ def row(site: str, scanner: str, bad: float | None) -> FleetFigures:
 
 
 @pytest.mark.slow
-@given(
-    sites=st.integers(1, 5),
-    scanners=st.integers(2, 4),
-    seed=st.integers(0, 1000),
-)
+@given(sites=st.integers(1, 5), scanners=st.integers(2, 4), seed=st.integers(0, 1000))
 def test_no_assignment_of_as_many_scanners_leaves_less(
     sites: int, scanners: int, seed: int
 ) -> None:

@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.sample import BAD
@@ -158,9 +158,7 @@ def _part(report: Callable[[float], None]) -> Callable[[float], None]:
     return lambda share: report(0.7 + 0.2 * share)
 
 
-def _in_sight(
-    stands: NDArray[np.float64], points: NDArray[np.float64], sight: float, count: int
-) -> int:
+def _in_sight(stands: Floats, points: Floats, sight: float, count: int) -> int:
     """Count the points within sight of `count` greedily chosen positions; walls are ignored."""
     near = np.array([np.hypot(*(points - place).T) <= sight for place in stands])
     left = np.ones(len(points), dtype=np.bool_)

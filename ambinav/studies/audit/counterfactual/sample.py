@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import points_near
@@ -23,6 +22,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
 from ambinav.studies.design.place.map_setting import MapSetting
@@ -52,10 +52,10 @@ class FloorSample:
     environment: Environment
     lattice: Lattice
     model: AmbiguityModel
-    headings: NDArray[np.float64]
-    floor: NDArray[np.int64]
-    was_bad: NDArray[np.bool_]
-    place: NDArray[np.int32]
+    headings: Floats
+    floor: Ints
+    was_bad: Bools
+    place: Ints32
     cell_area: float
 
     @classmethod
@@ -80,9 +80,7 @@ class FloorSample:
         """Bad floor of the map, square metres."""
         return float(self.was_bad.sum()) * self.cell_area
 
-    def drawn(
-        self, bad: int, others: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def drawn(self, bad: int, others: int, rng: np.random.Generator) -> tuple[Ints, Ints]:
         """Return indices of bad and of other positions, evenly spread and ascending."""
         samples = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
@@ -90,9 +88,7 @@ class FloorSample:
             samples.append(np.sort(places.sampled(self.lattice, count, rng).point))
         return samples[0], samples[1]
 
-    def zones(
-        self, scanners: Sequence[RangeScanner], point: NDArray[np.int64]
-    ) -> NDArray[np.uint8]:
+    def zones(self, scanners: Sequence[RangeScanner], point: Ints) -> Bytes:
         """Compute zone codes of points for several scanners, shape (S, K), as their maps have them.
 
         In the mean over headings; not free where a scanner's sensors have no room at any.
@@ -117,9 +113,7 @@ class FloorSample:
         mean[count == 0] = np.nan
         return classify(mean[0], mean[1], self.model.low, self.model.high)
 
-    def improved(
-        self, point: NDArray[np.int64], zone: NDArray[np.uint8]
-    ) -> tuple[ImprovedPlace, ...]:
+    def improved(self, point: Ints, zone: Bytes) -> tuple[ImprovedPlace, ...]:
         """Estimate where most floor becomes good: so much of so many bad places, largest first.
 
         Args:
@@ -141,9 +135,7 @@ class FloorSample:
                 places.append(ImprovedPlace(float(x[middle]), float(y[middle]), float(area)))
         return tuple(places)
 
-    def area_in(
-        self, codes: Sequence[int], of_bad: NDArray[np.uint8], of_others: NDArray[np.uint8]
-    ) -> Interval:
+    def area_in(self, codes: Sequence[int], of_bad: Bytes, of_others: Bytes) -> Interval:
         """Estimate the judged floor in some zones, square metres, with a 95 % interval.
 
         The two samples' intervals are Wilson's, squared and added (Newcombe 1998, "Interval

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Final, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, TRANSITION, ZONES
+from ambinav.runtime.array_types import Bytes
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
 from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
@@ -151,12 +151,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
 
 
 def _by_heading(
-    amap: AmbiguityMap,
-    title: str,
-    detail: str,
-    before: float,
-    areas: Sequence[float],
-    zone: NDArray[np.uint8],
+    amap: AmbiguityMap, title: str, detail: str, before: float, areas: Sequence[float], zone: Bytes
 ) -> Counterfactual:
     """Return what choosing the heading changes: the areas of the zones, and the zones then."""
     bad = sum(areas[code] for code in BAD)

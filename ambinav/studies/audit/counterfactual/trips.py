@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.regions import passable
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.runtime.array_types import Floats, Ints, Ints32
 
 WEIGHT: Final = 5.0
 """Metres that a metre at level 1 counts for in addition: what `ambinav plan` takes by default."""
@@ -46,7 +46,7 @@ class Trips:
     bad: float
     aware_length: float
     aware_bad: float
-    paths: tuple[NDArray[np.float64], ...]
+    paths: tuple[Floats, ...]
 
 
 def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
@@ -109,9 +109,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     )
 
 
-def _edges(
-    node: NDArray[np.int64], step: float
-) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]:
+def _edges(node: Ints, step: float) -> tuple[tuple[Ints, Ints], Floats]:
     """Return the edges between the eight neighbours of grid nodes, both ways: ends, and metres."""
     first, second, length = [], [], []
     rows, columns = node.shape
@@ -125,7 +123,7 @@ def _edges(
     return (np.concatenate(first), np.concatenate(second)), np.concatenate(length)
 
 
-def _path(goal: int, before: NDArray[np.int32]) -> NDArray[np.int64]:
+def _path(goal: int, before: Ints32) -> Ints:
     """Return the nodes of a path from a start to a goal."""
     nodes = [goal]
     while before[nodes[-1]] >= 0:

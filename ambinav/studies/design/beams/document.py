@@ -173,10 +173,7 @@ def document(
         gaps=tuple(map(GapPart.of, choice.gaps)),
         updates=tuple(
             UpdatePart.of(
-                update,
-                all_ms=update.full,
-                lowest_ratio=update.lowest,
-                highest_ratio=update.highest,
+                update, all_ms=update.full, lowest_ratio=update.lowest, highest_ratio=update.highest
             )
             for update in updates
         ),

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.geometry.environment import Environment
@@ -17,6 +16,7 @@ from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.information import scan_information
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.array_types import Floats
 from ambinav.sensing.scanner import RangeScanner
 
 ROBOTS: Final = 4
@@ -57,10 +57,7 @@ class UpdateTime:
 
 
 def update_times(
-    env: Environment,
-    scanner: RangeScanner,
-    kept: RangeScanner,
-    rng: np.random.Generator,
+    env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
 ) -> tuple[UpdateTime, ...]:
     """Time Monte Carlo localization and the Kalman filter; neither skips beams by itself.
 
@@ -137,9 +134,7 @@ def scan_information_of(
     return ScanInformation(*deviations)
 
 
-def _poses(
-    env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int
-) -> NDArray[np.float64]:
+def _poses(env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int) -> Floats:
     """Sample poses at which the robot can stand, all at one heading, shape (count or fewer, 3)."""
     x, y = Lattice.over(env, SPACING).points
     place = rng.permutation(len(x))[: 20 * count]

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.array_types import Bytes, Floats
 
 POINTS = 100.0
 """Percentage points: shares of the floor, and `level`, which runs from 0 to 1 too."""
@@ -34,12 +34,7 @@ class Loss:
 
     @classmethod
     def between(
-        cls,
-        level: NDArray[np.float64],
-        zone: NDArray[np.uint8],
-        full_level: NDArray[np.float64],
-        full_zone: NDArray[np.uint8],
-        weight: NDArray[np.float64],
+        cls, level: Floats, zone: Bytes, full_level: Floats, full_zone: Bytes, weight: Floats
     ) -> Loss:
         """Compute the loss on M poses, each array of shape (M,); `weight` sums to 1."""
         shares = [

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
@@ -22,6 +21,7 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.beams.loss import POINTS, Loss
@@ -34,7 +34,7 @@ aligned with; another sample has others."""
 ROUTE_HEADINGS = 24
 """Headings that those of a route are rounded to."""
 
-Beams = Sequence[int] | NDArray[np.intp]
+Beams = Sequence[int] | Indices
 
 
 def subset_tau(full: RangeScanner, beams: int) -> float:
@@ -58,7 +58,7 @@ class PoseGroup:
     """
 
     around: Neighbourhoods
-    columns: NDArray[np.float32]
+    columns: Floats32
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +81,11 @@ class MapSample:
     table: BeamTable
     model: AmbiguityModel
     groups: tuple[PoseGroup, ...]
-    weight: NDArray[np.float64]
-    level: NDArray[np.float64]
-    zone: NDArray[np.uint8]
+    weight: Floats
+    level: Floats
+    zone: Bytes
 
-    def measure(self, beams: Beams) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    def measure(self, beams: Beams) -> tuple[Floats, Bytes]:
         """Compute `level` and zone of the poses for a subset of the beams, each of shape (M,)."""
         model = self.model_of(len(beams))
         table, columns = self.table.subset(beams), self.table.columns_of(beams)
@@ -103,14 +103,12 @@ class MapSample:
         """Compute the loss of a subset of the beams."""
         return Loss.between(*self.measure(beams), self.level, self.zone, self.weight)
 
-    def level_loss(self, level: NDArray[np.float64]) -> float:
+    def level_loss(self, level: Floats) -> float:
         """Compute `Loss.level` of measured levels."""
         return POINTS * float(self.weight @ np.abs(level - self.level))
 
 
-def packed(
-    columns: NDArray[np.float32], chosen: NDArray[np.intp], width: int
-) -> NDArray[np.float32]:
+def packed(columns: Floats32, chosen: Indices, width: int) -> Floats32:
     """Arrange columns of all (B + K, N, 5) in the layout of `Returns`, shape (1, N, 5, width)."""
     # Padding is multiplied by 0, and so must be finite.
     data = np.ones((1, *columns.shape[1:], width), dtype=np.float32)
@@ -119,9 +117,7 @@ def packed(
     return data
 
 
-def _rated(
-    sums: NDArray[np.float64], model: AmbiguityModel
-) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+def _rated(sums: Floats, model: AmbiguityModel) -> tuple[Floats, Bytes]:
     layers = relative_radii(sums)
     return layers["level"], classify(layers["major"], layers["minor"], model.low, model.high)
 
@@ -138,7 +134,7 @@ def draw_samples(
     region: Region | None = None,
     reach: Reach | None = None,
     samples: int = 2,
-    headings: NDArray[np.float64] | None = None,
+    headings: Floats | None = None,
 ) -> tuple[MapSample, ...]:
     """Sample poses of the explored floor and cast all beams there.
 
@@ -187,8 +183,8 @@ def draw_samples(
 def _cast(
     scanner: RangeScanner,
     lattice: Lattice,
-    possible: NDArray[np.bool_],
-    headings: NDArray[np.float64],
+    possible: Bools,
+    headings: Floats,
     places: Places,
     model: AmbiguityModel,
 ) -> MapSample:

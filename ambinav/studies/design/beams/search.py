@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.tensor import relative_radii
+from ambinav.runtime.array_types import Floats, Indices, Ints
 from ambinav.sensing.mounting import TURN
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.beams.sample import MapSample, packed
@@ -45,9 +45,7 @@ def grow(
         yield tuple(kept)
 
 
-def _with_each(
-    sample: MapSample, kept: Sequence[int], candidates: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _with_each(sample: MapSample, kept: Sequence[int], candidates: Ints) -> Floats:
     """Compute `Loss.level` of a map with the kept beams and each of C candidates, shape (C,)."""
     count = len(kept) + 1
     model = sample.model_of(count)
@@ -76,7 +74,7 @@ def _with_each(
     return np.array([sample.level_loss(level) for level in relative_radii(sums)["level"]])
 
 
-def by_direction(scanner: RangeScanner) -> tuple[NDArray[np.intp], bool]:
+def by_direction(scanner: RangeScanner) -> tuple[Indices, bool]:
     """Sort the beams by direction and check whether they cover the full circle.
 
     Returns:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.obstacle import Obstacle
+from ambinav.runtime.array_types import Floats
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.region import Places
 
@@ -35,8 +35,8 @@ class AgedGains:
         gain: What they remove, shape (W,).
     """
 
-    before: NDArray[np.float64]
-    gain: NDArray[np.float64]
+    before: Floats
+    gain: Floats
 
 
 def gains_in_aged(

@@ -29,13 +29,12 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.obstacle_walls import walls_of
 from ambinav.studies.design.region import ALL_HEADINGS, Places
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
 SMOOTH: Final = 0.25
@@ -91,8 +90,8 @@ class Change:
     fixed: Rows
     radii: Floats
     among: Rows
-    data: NDArray[np.float32]
-    possible: Mask
+    data: Floats32
+    possible: Bools
 
 
 class Effects:
@@ -232,20 +231,20 @@ class Effects:
         before = self._badness(mine, self.bad[mine], self.level[mine])
         return before - self._badness(mine, bad, level), mine[self.bad[mine] & ~bad]
 
-    def _badness(self, places: Rows, bad: Mask, level: Floats) -> Badness:
+    def _badness(self, places: Rows, bad: Bools, level: Floats) -> Badness:
         weight = self.places.weight[places]
         return Badness(float(weight[bad].sum()), float((weight * level)[self._first[places]].sum()))
 
     def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
-    ) -> tuple[Mask, Floats]:
+    ) -> tuple[Bools, Floats]:
         """Return which places are bad, and the level of all; arguments as of `_classified`."""
         zone, level = self._classified(places, radii, number)
         return (zone == CORRIDOR) | (zone == OPEN), level
 
     def _classified(
         self, places: Rows, radii: Floats, number: Rows | None = None
-    ) -> tuple[NDArray[np.uint8], Floats]:
+    ) -> tuple[Bytes, Floats]:
         """Return zone and level of places.
 
         Args:
@@ -262,11 +261,11 @@ class Effects:
         major, minor, level = np.where((heading == ALL_HEADINGS) | np.isnan(own), mean, own)
         return classify(major, minor, self.setting.model.low, self.setting.model.high), level
 
-    def _compared(self, around: Neighbourhoods, data: NDArray[np.float32]) -> Floats:
+    def _compared(self, around: Neighbourhoods, data: Floats32) -> Floats:
         radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))
         return np.stack([radii[name] for name in ("major", "minor", "level")])
 
-    def _see_walls(self, walls: AddedWalls) -> Mask:
+    def _see_walls(self, walls: AddedWalls) -> Bools:
         """Return which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.rays
         near = np.zeros(len(self.x), dtype=np.bool_)
@@ -288,7 +287,7 @@ class Effects:
         near[rows] = seen
         return near
 
-    def _have_neighbour(self, mask: Mask) -> Mask:
+    def _have_neighbour(self, mask: Bools) -> Bools:
         """Return which poses have a given pose within their neighbourhood radius, shape (N,)."""
         rows, columns = self.lattice.rows_columns[mask].T
         grid = np.zeros_like(self.lattice.free)
@@ -298,7 +297,7 @@ class Effects:
             grid[r[inside], c[inside]] = True
         return grid[self.lattice.free]
 
-    def _have_room(self, obstacles: Sequence[Obstacle]) -> Mask:
+    def _have_room(self, obstacles: Sequence[Obstacle]) -> Bools:
         """Return where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
         scanner, in_space = self.setting.scanner, self.environment.space is not None

@@ -20,8 +20,8 @@ from itertools import combinations, islice
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Ints
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
 from ambinav.studies.design.place.effect import Badness, Effects
@@ -51,8 +51,8 @@ class Trials:
 
     candidates: tuple[Candidate, ...]
     gains: tuple[Badness, ...]
-    rows: tuple[NDArray[np.int64], ...]
-    fixed: tuple[NDArray[np.int64], ...]
+    rows: tuple[Ints, ...]
+    fixed: tuple[Ints, ...]
 
     def among(self, numbers: Sequence[int]) -> Trials:
         """Return the trials with the given numbers."""
@@ -80,7 +80,7 @@ class Trials:
         return effects.tried([self.candidates[i].obstacle for i in numbers]).gain
 
     @property
-    def order(self) -> NDArray[np.int64]:
+    def order(self) -> Ints:
         """Numbers of the candidates, best first."""
         return np.argsort([-gain.cost for gain in self.gains], kind="stable")
 

@@ -6,7 +6,6 @@ import json
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
@@ -14,6 +13,7 @@ from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.sensing.scanner import RangeScanner
 
 
@@ -31,7 +31,7 @@ class MapSetting:
 
     scanner: RangeScanner
     model: AmbiguityModel
-    headings: NDArray[np.float64]
+    headings: Floats
     spacing: float
     table: BeamTable
 
@@ -54,7 +54,7 @@ class MapSetting:
         table = BeamTable.of(thinned, model.map_std, model.outlier_share, reflectors)
         return cls(thinned, model, headings, known["spacing"], table)
 
-    def lattice(self, environment: Environment) -> tuple[Lattice, NDArray[np.bool_]]:
+    def lattice(self, environment: Environment) -> tuple[Lattice, Bools]:
         """Return the map's lattice, N points, and where the robot can stand at H headings.
 
         The mask has the shape (N, H).

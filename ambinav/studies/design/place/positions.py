@@ -8,15 +8,15 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.array_types import Bools, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.passages import Passages
-from ambinav.studies.design.place.sites import Mask, Points, Sites
+from ambinav.studies.design.place.sites import Points, Sites
 
 STEP: Final = 0.25
 """Distance between candidates, metres, where that makes no more than are asked for."""
@@ -100,7 +100,7 @@ class Positions:
         even, step = self.spread_evenly(most - most // 2)
         least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
 
-        def wanted(points: Points) -> Mask:
+        def wanted(points: Points) -> Bools:
             dense = self._wanted(points)
             dense[dense] = self._bad_in_range(points[dense]) >= least
             return dense
@@ -132,7 +132,7 @@ class Positions:
         # The middle of an obstacle at a wall is away from where it touches it.
         reach = distance + self.rules.width
 
-        def wanted(points: Points) -> Mask:
+        def wanted(points: Points) -> Bools:
             close = np.hypot(points[:, 0] - x, points[:, 1] - y) <= reach
             close[close] = self._wanted(points[close])
             return close
@@ -147,7 +147,7 @@ class Positions:
         )
 
     def _spread(
-        self, most: int, wanted: Callable[[Points], Mask]
+        self, most: int, wanted: Callable[[Points], Bools]
     ) -> tuple[tuple[Candidate, ...], float]:
         """Return at most `most` candidates at wanted points, and the distance between them."""
         step = dense = STEP
@@ -177,16 +177,16 @@ class Positions:
                     break
             return tuple(allowed[:: math.ceil(len(allowed) / most) or 1]), step
 
-    def _clear(self, step: float, wanted: Callable[[Points], Mask]) -> list[Candidate]:
+    def _clear(self, step: float, wanted: Callable[[Points], Bools]) -> list[Candidate]:
         return [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
 
-    def _bad_in_range(self, points: Points) -> NDArray[np.int64]:
+    def _bad_in_range(self, points: Points) -> Ints:
         """Count the bad floor within the scanner's range of points, shape (N,)."""
         if not len(points):
             return np.empty(0, dtype=np.int64)
         return np.asarray(self._bad.query_ball_point(points, self._sight, return_length=True))
 
-    def _wanted(self, points: Points) -> Mask:
+    def _wanted(self, points: Points) -> Bools:
         """Return which points see bad floor and are clear of routes and zones, shape (N,)."""
         seeing = self._bad.query(points, distance_upper_bound=self._sight)[0] <= self._sight
         beside = points[seeing]

@@ -15,11 +15,11 @@ from ambinav.buildings.obstacle_file import DrawnObstacle
 from ambinav.geometry.collision.reach import room_for
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.passages import SLACK
 
 Points = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Window = tuple[float, float, float, float]
 
 EMBEDDED: Final = 0.2
@@ -61,7 +61,7 @@ class Sites:
         )
         shapely.prepare([self.floor, self.unknown])
 
-    def counts(self, step: float, wanted: Callable[[Points], Mask]) -> tuple[int, int]:
+    def counts(self, step: float, wanted: Callable[[Points], Bools]) -> tuple[int, int]:
         """Count the wanted points at walls and on the floor, `step` metres apart.
 
         `every` makes no more of each kind.
@@ -79,10 +79,7 @@ class Sites:
         return on_walls, on_floor
 
     def every(
-        self,
-        step: float,
-        wanted: Callable[[Points], Mask],
-        window: Window | None = None,
+        self, step: float, wanted: Callable[[Points], Bools], window: Window | None = None
     ) -> Iterator[Candidate]:
         """Yield candidates `step` metres apart at the wanted points.
 
@@ -100,7 +97,7 @@ class Sites:
             yield from self._on_floor(step, wanted, window)
 
     def _beside(
-        self, ring: shapely.LinearRing, along: Points, wanted: Callable[[Points], Mask]
+        self, ring: shapely.LinearRing, along: Points, wanted: Callable[[Points], Bools]
     ) -> Iterator[Candidate]:
         if not len(along):
             return
@@ -138,10 +135,7 @@ class Sites:
         return self._strip(wall + np.outer((-half, half), (tx, ty)), TAG_THICKNESS, True)
 
     def _on_floor(
-        self,
-        step: float,
-        wanted: Callable[[Points], Mask],
-        window: Window | None,
+        self, step: float, wanted: Callable[[Points], Bools], window: Window | None
     ) -> Iterator[Candidate]:
         rules = self.rules
         for x, y in self._grid(step, wanted, window).tolist():
@@ -154,10 +148,7 @@ class Sites:
                 yield self._strip(ends, THICKNESS, False)
 
     def _grid(
-        self,
-        step: float,
-        wanted: Callable[[Points], Mask],
-        window: Window | None = None,
+        self, step: float, wanted: Callable[[Points], Bools], window: Window | None = None
     ) -> Points:
         """Return the wanted points of a floor grid common to all buildings, shape (N, 2)."""
         if self.wide.is_empty:
@@ -213,7 +204,7 @@ def _distances_along(ring: shapely.LinearRing, step: float, number: int) -> Poin
     return np.asarray((np.arange(count) + phase) * (ring.length / max(count, 1)))
 
 
-def _points_at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
+def _points_at(ring: shapely.LinearRing, along: Floats) -> Points:
     """Return points at given distances along a ring, metres, shape (N, 2)."""
     corners = shapely.get_coordinates(ring)
     metres = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Floats
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials
 
@@ -35,8 +35,8 @@ class Violations:
         beside: Gain beside one more obstacle that changes some of the same floor.
     """
 
-    without: NDArray[np.float64]
-    beside: NDArray[np.float64]
+    without: Floats
+    beside: Floats
 
     @property
     def samples(self) -> int:

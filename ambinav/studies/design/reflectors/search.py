@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 
 from ambinav.layers.reflectors.positioning import Positioning, Site
 from ambinav.layers.reflectors.targets import Targets
+from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.studies.design.place.candidates import Candidate
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 ROUNDS: Final = 4
 """Rounds of exchanges, at most."""
@@ -84,7 +83,7 @@ class Search:
     def __init__(
         self,
         site: Site,
-        counted: Mask,
+        counted: Bools,
         present: Targets,
         candidates: Sequence[Candidate],
         separation: float,
@@ -143,26 +142,22 @@ class Search:
             chosen += more[0]
         return chosen
 
-    def _count(self, chosen: Sequence[int]) -> NDArray[np.int32]:
+    def _count(self, chosen: Sequence[int]) -> Ints32:
         """Count the reflectors in view, shape (P, H)."""
         new = self.views[list(chosen)].sum(axis=0, dtype=np.int32)
         return np.asarray(self._seen.sum(axis=2, dtype=np.int32) + new)
 
-    def _allowed(self, chosen: Sequence[int]) -> NDArray[np.int64]:
+    def _allowed(self, chosen: Sequence[int]) -> Ints:
         """Return the candidates that are apart from the chosen ones."""
         return np.flatnonzero(~self.crowded[:, list(chosen)].any(axis=1))
 
-    def _short(self, count: NDArray[np.int32]) -> NDArray[np.int64]:
+    def _short(self, count: Ints32) -> Ints:
         """Return the places that count and see too few reflectors."""
         few = (count < self.site.rules.needed) & self._stands
         return np.flatnonzero(self.counted & few.any(axis=1))
 
     def _gains(
-        self,
-        count: NDArray[np.int32],
-        allowed: NDArray[np.int64],
-        partial: float = PARTIAL,
-        where: NDArray[np.int64] | None = None,
+        self, count: Ints32, allowed: Ints, partial: float = PARTIAL, where: Ints | None = None
     ) -> Floats:
         """Return what one more candidate gains by the number in view, points.
 
@@ -203,7 +198,7 @@ class Search:
             additions += sorted(self._groups(seed, chosen, count, most), key=share)[-1:]
         return sorted(additions, key=share, reverse=True)
 
-    def _seeds(self, allowed: NDArray[np.int64], count: NDArray[np.int32]) -> list[int]:
+    def _seeds(self, allowed: Ints, count: Ints32) -> list[int]:
         """Return candidates that are seen from much floor that sees too few, each from other."""
         short = self._short(count)
         views: Singles = np.asarray(self.views[allowed][:, short].any(axis=2), dtype=np.float32)
@@ -216,7 +211,7 @@ class Search:
         return seeds
 
     def _groups(
-        self, seed: int, chosen: tuple[int, ...], count: NDArray[np.int32], most: int
+        self, seed: int, chosen: tuple[int, ...], count: Ints32, most: int
     ) -> Iterator[tuple[int, ...]]:
         """Yield the seed with one more, two more and so on, for the floor that it is seen from."""
         group: tuple[int, ...] = (seed,)
@@ -232,9 +227,7 @@ class Search:
             group = *group, int(allowed[np.argmax(gains)])
             yield group
 
-    def _completes(
-        self, count: NDArray[np.int32], group: tuple[int, ...], partial: float = PARTIAL
-    ) -> float:
+    def _completes(self, count: Ints32, group: tuple[int, ...], partial: float = PARTIAL) -> float:
         """Return how many more places see enough with a group, and a little for all it gains."""
         needed = self.site.rules.needed
         after = count + self.views[list(group)].sum(axis=0, dtype=np.int32)

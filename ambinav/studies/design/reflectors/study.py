@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.scans import plane_only
@@ -20,14 +19,13 @@ from ambinav.layers.reflectors.views import ReflectorRules, why_no_reflectors
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Report, check_passage
 from ambinav.studies.design.reflectors.search import Search
-
-Mask = NDArray[np.bool_]
 
 COARSE: Final = 0.3
 """Places are searched for by the floor at points so far apart at most, metres."""
@@ -55,7 +53,7 @@ class Coverage:
     std: float
 
     @classmethod
-    def of(cls, found: Positioning, counted: Mask, area: float) -> Coverage:
+    def of(cls, found: Positioning, counted: Bools, area: float) -> Coverage:
         """Sum up over the points that count, shape (P,), of a lattice with cells of this area."""
         enough = counted & found.enough
         stds = found.std.max(axis=1)[enough]
@@ -114,7 +112,7 @@ class ReflectorLayout:
     steps: tuple[ReflectorStep, ...]
     before: Coverage
     after: Coverage
-    maps: tuple[NDArray[np.uint8], NDArray[np.uint8]]
+    maps: tuple[Bytes, Bytes]
 
     @property
     def chosen(self) -> tuple[Candidate, ...]:
@@ -131,7 +129,7 @@ STATES = ("navigates", "imprecise", "aliased", "too few in view")
 """States of floor, in the order of their numbers."""
 
 
-def states(found: Positioning, free: Mask) -> NDArray[np.uint8]:
+def states(found: Positioning, free: Bools) -> Bytes:
     """Return the state of each cell, uint8, shape (ny, nx); `NOT_FREE` where none is free."""
     picture = np.full(free.shape, NOT_FREE, dtype=np.uint8)
     state = np.where(found.precise, GOOD, IMPRECISE)
@@ -225,7 +223,7 @@ def plan_reflectors(
 
 
 def _candidates(
-    site: Site, positions: PlaceRules, wanting: Mask, reach: Reach, keep_out: BaseGeometry | None
+    site: Site, positions: PlaceRules, wanting: Bools, reach: Reach, keep_out: BaseGeometry | None
 ) -> tuple[Candidate, ...]:
     """Return places within range of floor where the robot cannot navigate yet."""
     points = np.column_stack(site.lattice.points)[wanting]

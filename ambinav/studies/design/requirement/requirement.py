@@ -7,15 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.reports.conditions import Condition, Quantities, Quantity, parse_condition
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.studies.audit.figures import QUANTITIES
 
-Floats = NDArray[np.float64]
 Areas: TypeAlias = Sequence[float] | Floats
 """Square metres in each zone, in the order of `ZONES`."""
 BAD: Final = (CORRIDOR, OPEN)

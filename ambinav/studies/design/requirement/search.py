@@ -13,6 +13,7 @@ import numpy as np
 from ambinav.geometry.collision.reach import Reach, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
@@ -22,7 +23,6 @@ from ambinav.studies.design.requirement.requirement import Requirement, bad_area
 from ambinav.studies.design.requirement.states import (
     Batch,
     CountedFloor,
-    Floats,
     ObstacleSearch,
     State,
     Terms,

@@ -14,13 +14,13 @@ from functools import reduce
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.improved import zones_after
 from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules
@@ -34,8 +34,6 @@ from ambinav.studies.design.region import Places
 from ambinav.studies.design.requirement.hardware import Hardware
 from ambinav.studies.design.requirement.requirement import BAD
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class CountedFloor:
@@ -47,8 +45,8 @@ class CountedFloor:
         amap: Map of these cells.
     """
 
-    mask: NDArray[np.bool_]
-    zone: NDArray[np.uint8]
+    mask: Bools
+    zone: Bytes
     amap: AmbiguityMap
 
     @classmethod
@@ -74,7 +72,7 @@ class CountedFloor:
         zone = zones_after(self.amap, amap)
         return CountedFloor(self.mask, np.where(zone < len(ZONES), zone, self.zone), self.amap)
 
-    def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
+    def areas(self, mask: Bools | None = None) -> Floats:
         """Return the area in each zone, square metres, shape (zones,); of a part of the floor."""
         zone = self.zone[self.mask if mask is None else self.mask & mask]
         counts = np.bincount(zone, minlength=len(ZONES))

@@ -15,7 +15,6 @@ from typing import Final, TypeAlias
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner
@@ -29,11 +28,11 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import PLANNER, PlaceGraph, graph_step
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.studies.design.place.candidates import Candidate
 from ambinav.studies.design.requirement.trips import Trip
 
-Floats = NDArray[np.float64]
 MakeForecaster: TypeAlias = Callable[[AmbiguityMap, Sequence[Route]], Forecaster]
 
 STEP: Final = 0.2

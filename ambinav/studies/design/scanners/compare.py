@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
@@ -19,6 +18,7 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, OPEN, ZoneShare
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
+from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import common_robot_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -74,7 +74,7 @@ class ScannerRow:
 
     scanner: RangeScanner
     parts: JudgedFloor
-    zone: NDArray[np.uint8]
+    zone: Bytes
     shares: Shares
     best: Shares | None
     worst: Shares | None
@@ -138,7 +138,7 @@ class ScannerTable:
     remarks: tuple[str, ...]
 
     @property
-    def common(self) -> NDArray[np.bool_]:
+    def common(self) -> Bools:
         """Cells that count for every scanner of `rows`, shape (ny, nx)."""
         return np.asarray(np.logical_and.reduce([row.parts.counted for row in self.rows]))
 

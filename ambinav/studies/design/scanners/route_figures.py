@@ -25,7 +25,8 @@ from ambinav.localization.information import scan_information
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.route import Floats, Route
+from ambinav.routes.route import Route
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService

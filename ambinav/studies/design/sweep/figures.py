@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.runtime.array_types import Bytes, Floats, Floats32
 
-Floats = NDArray[np.float64]
 Criterion = Literal["mean", "p95", "worst", "bad"]
 
 CRITERIA: Final[dict[str, str]] = {
@@ -56,7 +55,7 @@ class Figures:
         return float(getattr(self, criterion))
 
 
-def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats) -> Figures:
+def figures(level: Floats32, zone: Bytes, weight: Floats) -> Figures:
     """Compute the figures of a scanner.
 
     Args:
@@ -82,9 +81,7 @@ def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats)
     )
 
 
-def per_place(
-    level: NDArray[np.float32], zone: NDArray[np.uint8], criterion: Criterion
-) -> Floats | None:
+def per_place(level: Floats32, zone: Bytes, criterion: Criterion) -> Floats | None:
     """Return the contribution of each place to a mean figure, shape (K,); else None.
 
     In the mean over the headings at which the robot can stand; nan where there is none.
@@ -141,7 +138,7 @@ def _mean(values: Floats, weight: Floats) -> tuple[float, Floats]:
     return mean, share * np.where(known, values - mean, 0.0)
 
 
-def _spread(level: NDArray[np.float32], weight: Floats) -> Floats:
+def _spread(level: Floats32, weight: Floats) -> Floats:
     """Return the weight of each place and heading, (K, H)."""
     known = np.isfinite(level)
     return np.where(known, (weight / np.maximum(known.sum(axis=1), 1))[:, None], 0.0)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
@@ -19,6 +18,7 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.explored import explored
@@ -45,13 +45,13 @@ class PlaceLevels:
         model: The parameters; its tau is that of none of the scanners.
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Floats
+    y: Floats
     places: Places
     amount: float
-    headings: NDArray[np.float64]
-    level: NDArray[np.float32]
-    zone: NDArray[np.uint8]
+    headings: Floats
+    level: Floats32
+    zone: Bytes
     model: AmbiguityModel
 
 
@@ -59,7 +59,7 @@ def place_levels(
     env: Environment,
     scanners: Sequence[RangeScanner],
     region: Region,
-    headings: NDArray[np.float64],
+    headings: Floats,
     *,
     floor_of: RangeScanner,
     floor_headings: int | None = None,
@@ -98,9 +98,7 @@ def place_levels(
         InputError: the region is empty, a number is out of its range, or there is too much to keep.
     """
     model = AmbiguityModel(
-        radius=radius,
-        map_std=env.map_std if map_std is None else map_std,
-        tau=1.0,
+        radius=radius, map_std=env.map_std if map_std is None else map_std, tau=1.0
     )
     body = RangeScanner.planar(scanners[0].sensors[0], 1, 0.0)
     # In space too the floor of the plan: settings differ in where they can stand on it.
@@ -147,9 +145,7 @@ def place_levels(
     return PlaceLevels(x, y, places, amount, headings, level, zone, model)
 
 
-def _groups(
-    places: Places, headings: NDArray[np.float64], on_route: bool
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
+def _groups(places: Places, headings: Floats, on_route: bool) -> Iterator[tuple[Indices, Floats]]:
     """Group places that share the same headings: place indices and headings."""
     if not on_route:
         yield np.arange(len(places)), headings

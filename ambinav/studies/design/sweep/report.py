@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from ambinav.geometry.environment import Environment
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.sweeps import Curve, Grid, plot_curves, plot_directions, plot_grid
+from ambinav.runtime.array_types import Floats
 from ambinav.studies.design.sweep.document import FORMAT, Document, document
-from ambinav.studies.design.sweep.figures import Figures, Floats
+from ambinav.studies.design.sweep.figures import Figures
 from ambinav.studies.design.sweep.sweep import SweepResult
 from ambinav.studies.design.sweep.text import (
     Words,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.casting.scans import GIVE_HEIGHTS, check_rays
 from ambinav.config import as_count
@@ -18,6 +17,7 @@ from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import HEADINGS
+from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as own_robot_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -157,7 +157,7 @@ class SweepResult:
         """The best setting."""
         return self.outcomes[self.order[0]]
 
-    def grid(self, figure: Callable[[Figures], float]) -> NDArray[np.float64]:
+    def grid(self, figure: Callable[[Figures], float]) -> Floats:
         """Return a figure of all settings in the shape of the variations."""
         return np.array([figure(outcome.figures) for outcome in self.outcomes]).reshape(self.shape)
 
@@ -201,7 +201,7 @@ class SweepResult:
         """
         return tuple(i for i in self.order if i == self.order[0] or is_open(self.margin(i)))
 
-    def _at_places(self, setting: int) -> NDArray[np.float64] | None:
+    def _at_places(self, setting: int) -> Floats | None:
         row = self.rows[setting]
         return per_place(self.levels.level[row], self.levels.zone[row], self.criterion)
 
@@ -405,7 +405,7 @@ def _headings(
     scanners: Sequence[RangeScanner],
     heading: float | None,
     headings: int | None,
-) -> tuple[NDArray[np.float64], str]:
+) -> tuple[Floats, str]:
     """Return headings of the robot, radians, and their text for readers."""
     if heading is not None and headings is not None:
         raise InputError("heading: it excludes a number of headings; give one of the two.")

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.studies.design.sweep.figures import Floats, difference
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints
+from ambinav.studies.design.sweep.figures import difference
 
 WORTH: Final = 0.05
 """Turning is worth a drive if it takes this much off the mean level."""
@@ -43,7 +43,7 @@ class Turning:
 
     yaws: tuple[float, ...]
     fixed: int
-    best: NDArray[np.int64]
+    best: Ints
     fixed_mean: float
     turned_mean: float
     gain: Interval
@@ -60,11 +60,7 @@ class Turning:
 
 
 def turning(
-    yaws: tuple[float, ...],
-    level: NDArray[np.float32],
-    zone: NDArray[np.uint8],
-    weight: Floats,
-    of: int,
+    yaws: tuple[float, ...], level: Floats32, zone: Bytes, weight: Floats, of: int
 ) -> Turning | None:
     """Compare the yaws; None if the robot can stand at no place.
 

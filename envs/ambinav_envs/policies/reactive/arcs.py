@@ -6,9 +6,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Floats
 
 STRAIGHT: Final = 1e-4
 """An arc of less curvature, 1/m, is a straight line."""

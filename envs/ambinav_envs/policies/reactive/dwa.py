@@ -10,15 +10,13 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
+from ambinav.runtime.array_types import Floats
 from ambinav_envs.policies.reactive.arcs import free_lengths, room_around, stopping_speed
 from ambinav_envs.policies.reactive.echoes import nearest_by_direction, wrapped
 from ambinav_envs.policies.reactive.parameters import DwaParameters
 from ambinav_envs.policies.reactive.situation import Situation
-
-Floats = NDArray[np.float64]
 
 DIRECTIONS: Final = 120
 """Number of directions; the nearest obstacle in each is kept."""

@@ -6,12 +6,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.sensing.scanner import RangeScanner
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Points = tuple[Floats, Floats]
 
 ARC: Final = math.radians(10.0)
@@ -54,7 +52,7 @@ class ScanPoints:
         self._seen = np.asarray((apart <= half).any(axis=1))
         self.all_around = bool(self._seen.all())
 
-    def points(self, scan: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    def points(self, scan: Floats32) -> tuple[Floats, Floats]:
         """Return x and y of N scans, shape (N, P) each, metres; inf where there is no echo.
 
         Args:

@@ -6,12 +6,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.policies.reactive.echoes import Points, ScanPoints
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NEAR: Final = 0.15
 """An echo is confirmed by one of the scan before that is this near, metres ..."""

@@ -11,10 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.policies.policy import Bools
-
-Floats = NDArray[np.float64]
 
 DETOUR: Final = 1.5
 """The robot would drive this multiple of the straight line to the goal in the time left ..."""

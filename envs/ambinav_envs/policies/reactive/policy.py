@@ -12,12 +12,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest, digest_of
 from ambinav_envs.commands import by_filter
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Bools, Policy
+from ambinav_envs.policies.policy import Policy
 from ambinav_envs.policies.reactive.dwa import Dwa
 from ambinav_envs.policies.reactive.echoes import ScanPoints, nearest_by_direction, wrapped
 from ambinav_envs.policies.reactive.memory import EchoFilter, EchoMemory
@@ -26,8 +27,6 @@ from ambinav_envs.policies.reactive.parameters import DwaParameters, VfhParamete
 from ambinav_envs.policies.reactive.situation import Situation
 from ambinav_envs.policies.reactive.vfh import Vfh
 from ambinav_envs.policies.shapes import described, misfit
-
-Floats = NDArray[np.float64]
 
 AWARE: Final = 5.0
 """`ambiguity_weight` of the aware route."""

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from ambinav.runtime.array_types import Bools, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,5 +31,5 @@ class Situation:
     speed: Floats
     rate: Floats
     turned: Floats
-    starts: NDArray[np.bool_]
+    starts: Bools
     limit: Floats | None = None

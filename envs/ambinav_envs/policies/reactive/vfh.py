@@ -11,16 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
+from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav_envs.policies.reactive.arcs import free_lengths, room_around, stopping_speed
 from ambinav_envs.policies.reactive.echoes import nearest_by_direction, wrapped
 from ambinav_envs.policies.reactive.parameters import VfhParameters
 from ambinav_envs.policies.reactive.situation import Situation
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class Vfh:
@@ -176,7 +173,7 @@ class Vfh:
         return np.asarray(np.clip(speed * curvature, now.rate - turn, now.rate + turn) / speed)
 
 
-def free_run(blocked: Bools) -> NDArray[np.int64]:
+def free_run(blocked: Bools) -> Ints:
     """Count the consecutive free sectors after each sector, shape (N, S); at most S - 1.
 
     Sectors go round; of a blocked one the number says nothing.

@@ -18,14 +18,7 @@ from ambinav.runtime import provenance
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav_envs.leaderboard import board as board_module
 from ambinav_envs.leaderboard import report as report_module
-from ambinav_envs.leaderboard.board import (
-    CONDITIONS,
-    Board,
-    Setting,
-    Venue,
-    fitting,
-    settings_for,
-)
+from ambinav_envs.leaderboard.board import CONDITIONS, Board, Setting, Venue, fitting, settings_for
 from ambinav_envs.leaderboard.methods import (
     TRUE_POSE,
     all_methods,
@@ -37,11 +30,7 @@ from ambinav_envs.leaderboard.methods import (
 from ambinav_envs.leaderboard.normalized import BLIND
 from ambinav_envs.leaderboard.report import STUDY, benchmark
 from ambinav_envs.leaderboard.routes import Routes
-from ambinav_envs.leaderboard.store import (
-    key_of,
-    load_episodes,
-    save_episodes,
-)
+from ambinav_envs.leaderboard.store import key_of, load_episodes, save_episodes
 from tests.envs.cases import room
 
 HERE = Path(__file__).parent

@@ -210,10 +210,7 @@ def test_the_best_is_by_the_criterion() -> None:
         ({"vary": ["aperture=90"], "places": -3}, "places is -3"),
         ({"vary": []}, "nothing is varied"),
         (
-            {
-                "vary": ["yaw=0"],
-                "scanner": an.RangeScanner.planar(LASER, 5, 1.0, (9.0, 0.0, 0.0)),
-            },
+            {"vary": ["yaw=0"], "scanner": an.RangeScanner.planar(LASER, 5, 1.0, (9.0, 0.0, 0.0))},
             "none of its floor in scene is explored: .* or a sensor stands in a wall",
         ),
         ({"vary": ["yaw=0"], "heading": 1.0, "headings": 3}, "excludes a number of headings"),
