@@ -17,7 +17,6 @@ from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import (
     Progress,
-    above_zero,
     at_least,
     check_map_output,
     check_report,
@@ -122,7 +121,7 @@ def audit(
         making.check()
         space.check()
         beacons.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         conditions = gate.conditions(output)
         reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
         reported.check(output)
@@ -130,11 +129,9 @@ def audit(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         beacons.check_suited(environment, chosen)
-        from ambinav.geometry.collision.reach import find_reach
-        from ambinav.sensing.robot_radius import robot_radius
 
         # Before the long work, so that a start inside a wall is refused at once.
-        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        reach = robot.reach(environment, chosen)
         draw = stack.enter_context(drawing())
         with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
             built = making.build(environment, chosen, stage("ambiguity"))

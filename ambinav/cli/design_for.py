@@ -15,7 +15,7 @@ from ambinav.cli.gate import HOLDS
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
-from ambinav.cli.running import above_zero, check_report, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_report, not_negative, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -68,8 +68,6 @@ def requirement(
         places (FILE): Named places and trips between them (.yaml: places, trips), for "lost < 5 %".
     """
     with reporting():
-        from ambinav.geometry.collision.reach import find_reach
-        from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.requirement.costs import Allowed, read_costs
         from ambinav.studies.design.requirement.document import document
         from ambinav.studies.design.requirement.report import STUDY, write_report
@@ -80,7 +78,7 @@ def requirement(
 
         making.check()
         space.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         not_negative(budget, "--budget", "500", "an amount")
         if required is None and budget is None:
             raise InputError(
@@ -109,7 +107,7 @@ def requirement(
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
-        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        reach = robot.reach(environment, chosen)
         forecaster = None
         if trips is not None:
             forecaster = TripForecaster(

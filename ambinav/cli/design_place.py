@@ -12,7 +12,7 @@ from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
-from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import at_least, check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -191,15 +191,13 @@ def place(
     with reporting():
         import numpy as np
 
-        from ambinav.geometry.collision.reach import find_reach
-        from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.place.document import document
         from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import place_obstacles
 
         making.check()
         space.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         _, count = obstacles.kind()
         obstacles.rules()
         check_report(STUDY, output, pictures)
@@ -207,7 +205,7 @@ def place(
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
-        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        reach = robot.reach(environment, chosen)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
             study = place_obstacles(

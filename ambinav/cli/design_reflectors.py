@@ -122,21 +122,19 @@ def reflectors(
     Example: `ambinav design reflectors hall.yaml --scanner scanner.yaml --tags 12 -o layout`
     """
     with reporting():
-        from ambinav.geometry.collision.reach import find_reach
-        from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.reflectors.document import document
         from ambinav.studies.design.reflectors.report import STUDY, write_report
         from ambinav.studies.design.reflectors.study import plan_reflectors
 
         making.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         _, count = new.asked()
         new.positions()
         rules = needs.rules()
         zones = keep_out_zones(new.keep_out)
         check_report(STUDY, output, pictures)
         environment, chosen = making.load(map_file, scanner, building)
-        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        reach = robot.reach(environment, chosen)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
             layout = plan_reflectors(

@@ -11,15 +11,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import (
-    above_zero,
-    at_least,
-    check_report,
-    not_negative,
-    note,
-    progress_bars,
-    reporting,
-)
+from ambinav.cli.running import at_least, check_report, not_negative, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -155,7 +147,7 @@ def scanners(
 
         making.check()
         space.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         on_routes.check()
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)

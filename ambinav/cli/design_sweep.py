@@ -20,7 +20,7 @@ from ambinav.cli.map_options import (
 )
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import at_least, check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -104,7 +104,7 @@ def sweep(
         making = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
         making.check()
         space.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         where.check()
         if where.route is not None and not robot == ReachOptions():
             raise InputError(

@@ -76,7 +76,7 @@ def diff(
 
         making.check()
         space.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        robot.check()
         above_zero(wall_tolerance, "--wall-tolerance", "0.1")
         at_least(0, ("--places", places))
         conditions = gate.conditions(output)

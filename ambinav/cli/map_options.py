@@ -16,6 +16,7 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.cli.space_options import HeightOptions, SpaceOptions
+    from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.map_building.build import MapSettings
     from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -339,3 +340,22 @@ class ReachOptions:
 
     robot_radius: RobotRadius = None
     start: tuple[float, float] | None = None
+
+    def check(self) -> None:
+        """Check the radius before the long work.
+
+        Raises:
+            InputError: it is not above 0.
+        """
+        above_zero(self.robot_radius, "--robot-radius", "0.2")
+
+    def reach(self, environment: Environment, scanner: RangeScanner) -> Reach:
+        """Find the floor that the robot reaches; of a radius not given, that of the scanner.
+
+        Raises:
+            InputError: see `find_reach`.
+        """
+        from ambinav.geometry.collision.reach import find_reach
+        from ambinav.sensing.robot_radius import robot_radius
+
+        return find_reach(environment, self.robot_radius or robot_radius(scanner), self.start)

@@ -35,7 +35,7 @@ from ambinav.forecasting.filter_kernel import FilterSettings
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav.sensing.scanner import RangeScanner
 
 Plain = str | Mapping[str, Any]
@@ -176,8 +176,7 @@ class LocalizerClass:
             if value is not None
         }
         text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=100)
-        with replacing(path) as fresh:
-            fresh.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
     def settings(
         self, position_limit: float, heading_limit: float, lateral_limit: float | None = None

@@ -121,6 +121,14 @@ class JudgedFloor:
         """Return the area of some cells, square metres."""
         return float(part.sum()) * self.cell_area
 
+    def areas(self) -> dict[str, float]:
+        """Return the floor that counts and, by reason, what does not, square metres."""
+        parts = {
+            "judged": self.counted, "unexplored": self.unexplored, "too_close": self.beside_walls,
+            "not_reachable": self.cut_off, "outside": self.outside,
+        }  # fmt: skip
+        return {f"{name}_area_m2": self.area(part) for name, part in parts.items()}
+
     def check_reached(self, spacing: float) -> None:
         """Check that the robot reaches at least one cell.
 

@@ -12,6 +12,8 @@ LOCALIZABLE: Final = 0
 TRANSITION: Final = 1
 CORRIDOR: Final = 2
 OPEN: Final = 3
+BAD: Final = (CORRIDOR, OPEN)
+"""Codes of the zones that leave a robot lost."""
 NOT_FREE: Final = 255
 """Code of a cell that no robot can stand in: wall, obstacle, unknown space."""
 

@@ -18,7 +18,7 @@ from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoint
 from ambinav.routes.route import Route
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 
 FRAME: Final = "map"
 TRACE_STEP: Final = SPACING
@@ -191,8 +191,7 @@ def _stamped_path(route: Route) -> dict[str, Any]:
 
 
 def _write(path: Path, text: str) -> tuple[Path, ...]:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return (path,)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import shapely
 
 from ambinav.runtime.errors import InputWarning
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav.version import __version__
 
 PACKAGES: Final = ("ambinav", "ambinav_envs", "ambinav_planners")
@@ -160,8 +160,7 @@ def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ())
                 shutil.rmtree(path)
             else:
                 path.unlink()
-    with replacing(stamp) as fresh:
-        fresh.write_text(json.dumps(dataclasses.asdict(here), indent=2) + "\n", encoding="utf-8")
+    write_text(stamp, json.dumps(dataclasses.asdict(here), indent=2) + "\n")
 
 
 def _read_stamp(path: Path) -> Provenance | None:

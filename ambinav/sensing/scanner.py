@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ambinav.config import as_count, as_number, check_kind, read_text
 from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav.runtime.input_suggestions import kind_of_path, refuse
 from ambinav.sensing.beams import Beams
 from ambinav.sensing.casting import cast_beams
@@ -278,8 +278,7 @@ class RangeScanner(Beams):
             self.name, self.description, self.source, self.parts, self.robot_radius
         )
         if path is not None:
-            with replacing(Path(path)) as fresh:
-                fresh.write_text(text, encoding="utf-8")
+            write_text(Path(path), text)
         return text
 
     # -- its beams ---------------------------------------------------------------------------

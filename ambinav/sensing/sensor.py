@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ambinav.config import as_number, from_mapping, parse_yaml, read_text
 from ambinav.runtime.array_types import Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav.runtime.input_suggestions import SENSOR, kind_of, refuse
 from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
@@ -272,8 +272,7 @@ class RangeSensor:
         """Return the sensor as YAML text, and write it to `path` if one is given."""
         text = yaml.safe_dump(self.to_plain(), sort_keys=False, allow_unicode=True)
         if path is not None:
-            with replacing(Path(path)) as fresh:
-                fresh.write_text(text, encoding="utf-8")
+            write_text(Path(path), text)
         return text
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ambinav.routes.files import path_message
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import replacing, write_text
 from ambinav.service.volume_service import VolumeService
 
 FORMAT: Final = "ambinav-flight/1"
@@ -97,8 +97,7 @@ class FlightRoute:
                 "that ends so."
             )
         text = self._table() if path.suffix.lower() == ".csv" else self._message()
-        with replacing(path) as scratch:
-            scratch.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
     def draw(self, path: str | Path, layer: str | None = None) -> None:
         """Draw it over the layer at each height, its height over distance, and in space.

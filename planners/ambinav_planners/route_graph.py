@@ -16,7 +16,7 @@ from ambinav.config.values import shown
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav_planners.geojson import Feature, list_of, point_of, read_features
 
 Properties = Mapping[str, Any]
@@ -129,8 +129,7 @@ class RouteGraph:
         Raises:
             InputError: the place is not writable.
         """
-        with replacing(Path(path)) as scratch:
-            scratch.write_text(self.text(weight), encoding="utf-8")
+        write_text(Path(path), self.text(weight))
 
 
 def _feature(properties: Properties, kind: str, coordinates: object) -> dict[str, Any]:

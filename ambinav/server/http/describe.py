@@ -111,11 +111,7 @@ def map_detail(served: ServedMap) -> MapDetail:
         ],
         figures=Figures(
             free_area_m2=amap.free_area,
-            judged_area_m2=parts.area(parts.counted),
-            unexplored_area_m2=parts.area(parts.unexplored),
-            too_close_area_m2=parts.area(parts.beside_walls),
-            not_reachable_area_m2=parts.area(parts.cut_off),
-            outside_area_m2=parts.area(parts.outside),
+            **parts.areas(),
             robot_radius_m=parts.radius,
             mean_level=finite(float(np.nanmean(level))) if level.size else None,
         ),

@@ -19,7 +19,7 @@ from ambinav.buildings.obstacle_file import (
     obstacles_of,
 )
 from ambinav.buildings.plan_writer import plan_geojson
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import BAD, ZONES
 from ambinav.server.http.context import Context, context_of
 from ambinav.server.http.models import FIRST_ONLY, as_json
 from ambinav.server.http.shapes import GEOJSON, GEOJSON_ANSWER
@@ -31,8 +31,6 @@ from ambinav.server.served import ServedMap
 
 router = APIRouter(prefix="/v1/maps/{id}", tags=["editing"])
 
-BAD: Final = (CORRIDOR, OPEN)
-"""Zones in which a robot may get lost."""
 NAME: Final = "^[A-Za-z0-9_-]{1,64}$"
 """Pattern of names of sessions and editors."""
 MOST_STEPS: Final = 2**53

@@ -13,7 +13,7 @@ from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
-from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
+from ambinav.maps.zones import BAD, CORRIDOR, OPEN, TRANSITION, ZONES
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 
 _PRONOUNCED = 0.3
@@ -110,7 +110,7 @@ def find_ambiguous_regions(
     axis[seen] = np.where(pronounced, floor["direction"][seen], np.nan)
     labels = find_regions(
         zone,
-        (CORRIDOR, OPEN),
+        BAD,
         axis,
         passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing),
         gap=round(GAP / amap.spacing),

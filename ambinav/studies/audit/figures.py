@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import BAD, CORRIDOR, OPEN, ZONES
 from ambinav.reports.conditions import Quantities, Quantity, catalogue
 from ambinav.studies.audit.document import Document, PlacePart, ZonePart
 
@@ -98,7 +98,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
 
 def _bad(report: Document, read: Callable[[ZonePart], float]) -> float | None:
     """Return the sum of a figure of the zones that leave a robot lost."""
-    return _if_counted(report, sum(read(_zone(report, ZONES[code])) for code in (CORRIDOR, OPEN)))
+    return _if_counted(report, sum(read(_zone(report, ZONES[code])) for code in BAD))
 
 
 def _floor(name: str, meaning: str) -> Quantity:

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.regions import GAP, LEAST_AREA, Labels, find_regions, passable
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
+from ambinav.maps.zones import BAD, LOCALIZABLE, NOT_FREE, TRANSITION
 from ambinav.reports.fields import Metres, Part, SquareMetres
 from ambinav.runtime.array_types import Bools, Bytes
 
@@ -84,7 +84,7 @@ def improved_floor(before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor
         after: Map with the change, whose lattice may be larger or smaller.
         parts: Masks of the floor that counts.
     """
-    was_bad = np.isin(before.floor("zone").values, (CORRIDOR, OPEN))
+    was_bad = np.isin(before.floor("zone").values, BAD)
     # What an obstacle covers is not improved.
     good = np.isin(zones_after(before, after), (LOCALIZABLE, TRANSITION))
     return np.asarray(parts.counted & was_bad & good)

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy import ndimage
 
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import BAD
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.studies.diff.registration import STATES, CommonLattice, ReadMap
 
@@ -60,7 +60,7 @@ def changed_regions(
         second: The map after.
     """
     rise = second.level - first.level
-    ambiguous = np.isin(second.state, (CORRIDOR, OPEN)) & ~first.counted
+    ambiguous = np.isin(second.state, BAD) & ~first.counted
     masks: tuple[tuple[Kind, Bools, Floats], ...] = (
         ("worse", rise >= NOTABLE, rise),
         ("better", rise <= -NOTABLE, rise),

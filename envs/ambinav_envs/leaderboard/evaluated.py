@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import write_text
 from ambinav_envs.arena import Arena
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
@@ -305,5 +305,4 @@ def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
         ("evaluation.json", evaluation.to_json() + "\n"),
         ("episodes.csv", evaluation.to_csv()),
     ):
-        with replacing(folder / name) as scratch:
-            scratch.write_text(text, encoding="utf-8")
+        write_text(folder / name, text)

@@ -17,11 +17,10 @@ import shapely
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.maps.zones import BAD, NOT_FREE, ZONES
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
 from ambinav.studies.audit.post_search import PostSearch

@@ -21,7 +21,7 @@ from ambinav.drive.bootstrap import Interval, share
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
+from ambinav.maps.zones import BAD, LOCALIZABLE, TRANSITION
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
@@ -31,7 +31,6 @@ from ambinav.studies.design.views import mask_of, scanner_views
 
 HEADINGS: Final = 8
 """Headings of scanners that do not look all around, where the map has none."""
-BAD: Final = (CORRIDOR, OPEN)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,11 @@ import numpy as np
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, TRANSITION, ZONES
+from ambinav.maps.zones import BAD, CORRIDOR, LOCALIZABLE, NOT_FREE, TRANSITION, ZONES
 from ambinav.runtime.array_types import Bytes
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
-from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
+from ambinav.studies.audit.counterfactual.sample import FloorSample
 from ambinav.studies.audit.counterfactual.trips import Trips
 from ambinav.studies.design.improved import ImprovedPlace, largest_places
 

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.regions import passable
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import BAD
 from ambinav.runtime.array_types import Floats, Ints, Ints32
 
 WEIGHT: Final = 5.0
@@ -70,7 +70,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     free = passable(floor[rows, columns], clearance, math.sqrt(2.0) * step)
     level = np.nan_to_num(amap.floor("level").values[rows, columns].astype(np.float64))
     zone = amap.floor("zone").values[rows, columns]
-    bad = np.isin(zone, (CORRIDOR, OPEN)) & amap.judged.counted[rows, columns]
+    bad = np.isin(zone, BAD) & amap.judged.counted[rows, columns]
     node = np.full(free.shape, -1)
     node[free] = np.arange(int(free.sum()))
     places = np.flatnonzero(amap.judged.counted[rows, columns][free])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol, TypeAlias
 
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
+from ambinav.maps.zones import BAD, CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.reports.conditions import Condition, Quantities, Quantity, parse_condition
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
@@ -15,7 +15,6 @@ from ambinav.studies.audit.figures import QUANTITIES
 
 Areas: TypeAlias = Sequence[float] | Floats
 """Square metres in each zone, in the order of `ZONES`."""
-BAD: Final = (CORRIDOR, OPEN)
 OPTION: Final = "requirement"
 _ZONES: Final = {
     "bad": BAD, "corridor": (CORRIDOR,), "open": (OPEN,), "localizable": (LOCALIZABLE,),

@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import ZONES
+from ambinav.maps.zones import BAD, ZONES
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.improved import zones_after
@@ -32,7 +32,6 @@ from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.region import Places
 from ambinav.studies.design.requirement.hardware import Hardware
-from ambinav.studies.design.requirement.requirement import BAD
 
 
 @dataclass(frozen=True, eq=False)

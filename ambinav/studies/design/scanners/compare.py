@@ -15,7 +15,7 @@ from ambinav.layers.registry import chosen_layers
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
-from ambinav.maps.zones import CORRIDOR, OPEN, ZoneShare
+from ambinav.maps.zones import BAD, CORRIDOR, OPEN, ZoneShare
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.array_types import Bools, Bytes
@@ -144,7 +144,7 @@ class ScannerTable:
 
     def common_bad_area(self, row: ScannerRow) -> float:
         """Return a scanner's bad area on the floor that counts for all scanners, square metres."""
-        bad = self.common & np.isin(row.zone, (CORRIDOR, OPEN))
+        bad = self.common & np.isin(row.zone, BAD)
         return row.parts.area(bad)
 
     @property

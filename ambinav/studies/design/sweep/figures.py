@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from ambinav.drive.bootstrap import Interval
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import BAD, CORRIDOR, OPEN, ZONES
 from ambinav.runtime.array_types import Bytes, Floats, Floats32
 
 Criterion = Literal["mean", "p95", "worst", "bad"]
@@ -89,7 +89,7 @@ def per_place(level: Floats32, zone: Bytes, criterion: Criterion) -> Floats | No
     if criterion == "mean":
         values = level.astype(np.float64)
     elif criterion == "bad":
-        values = np.isin(zone, (CORRIDOR, OPEN)).astype(np.float64)
+        values = np.isin(zone, BAD).astype(np.float64)
     else:
         return None
     each = _spread(level, np.ones(len(level)))

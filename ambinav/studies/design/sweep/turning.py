@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ambinav.drive.bootstrap import Interval
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import BAD
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints
 from ambinav.studies.design.sweep.figures import difference
 
@@ -80,7 +80,7 @@ def turning(
     least = levels.min(axis=0)
     # Of equals the fixed yaw, so that no scanner is turned without a gain.
     best = np.where(levels[fixed] <= least + 1e-6, fixed, levels.argmin(axis=0))
-    bad = np.isin(zones, (CORRIDOR, OPEN))
+    bad = np.isin(zones, BAD)
     each = np.arange(len(best))
     everywhere = np.full(len(weight), NOWHERE, dtype=np.int64)
     everywhere[known] = best
