@@ -9,7 +9,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
-from ambinav.cli.design_place import PositionOptions
+from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
@@ -31,7 +31,7 @@ def requirement(
     required: Annotated[str | None, typer.Argument()] = None,
     *,
     scanner: options.Scanner,
-    may: str,
+    may: list[str],
     cost: Path,
     budget: float | None = None,
     places: Path | None = None,
@@ -62,7 +62,7 @@ def requirement(
         required (REQUIREMENT): What must hold, e.g. "bad < 2 %", "open area < 10 m2" or "lost < 5
             %"; without it --budget says how much the best may cost.
         may (CHANGES): Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount,
-            second-scanner; separated by commas.
+            second-scanner; separated by commas, or repeatable.
         cost (FILE): What the changes cost (.yaml: post, panel, tag, mount, scanner).
         budget (AMOUNT): Largest cost. [default: no limit]
         places (FILE): Named places and trips between them (.yaml: places, trips), for "lost < 5 %".
@@ -97,9 +97,12 @@ def requirement(
         forecasts.check()
         forecasts.check_no_program()
         trips = None if places is None else read_trips(places)
-        allowed = Allowed.parse(may)
+        allowed = Allowed.parse(",".join(may))
         costs = read_costs(cost)
         allowed.check(costs, str(cost))
+        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        obstacles.check_used(tuple(allowed.most))
+        conflict("--keep-out", keep_out is not None and not allowed.most, "is about new obstacles")
         for kind in allowed.most:
             obstacles.rules_of(kind)
         zones = keep_out_zones(keep_out)

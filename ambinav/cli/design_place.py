@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import conflict
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
@@ -21,6 +23,17 @@ if TYPE_CHECKING:
     from ambinav.studies.design.place.candidates import Kind, PlaceRules
     from ambinav.studies.design.place.document import Document
     from ambinav.studies.design.region import Region
+
+
+_ANY: Final = ("post", "panel", "tag")
+_ABOUT: Final[dict[str, tuple[tuple[Kind, ...], str]]] = {
+    "post_radius": (("post",), "--radius"), "width": (("panel", "tag"), "--width"),
+    "min_passage": (_ANY, "--min-passage"), "bottom": (_ANY, "--bottom"), "top": (_ANY, "--top"),
+    "where": (_ANY, "--on-walls/--free-standing"), "candidates": (_ANY, "--candidates"),
+    "keep_out": (_ANY, "--keep-out"),
+}  # fmt: skip
+"""The kinds of obstacles that a field is about, and its option."""
+UNUSED_LAYERS: Final = "has no effect here: floor is judged by its zones"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +70,18 @@ class PositionOptions:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+
+    def check_used(self, kinds: Collection[Kind]) -> None:
+        """Refuse what is about obstacles that are not asked for.
+
+        Raises:
+            InputError: such an option is given.
+        """
+        reason = f"is not about {' or '.join(kinds)}s" if kinds else "is about new obstacles"
+        for field in fields(self):
+            about, option = _ABOUT.get(field.name, ((), ""))
+            given = getattr(self, field.name) != field.default
+            conflict(option, given and bool(about) and not {*about} & {*kinds}, reason)
 
     def rules_of(self, kind: Kind, scanner: RangeScanner | None = None) -> PlaceRules:
         """Return the placement rules; obstacles reflect if the scanner sees reflectors.
@@ -126,7 +151,10 @@ class ObstacleOptions(PositionOptions):
             )
         (kind, count), = requested  # fmt: skip
         self.check(kind, count)
+        self.check_used([kind])
         at_least(0, ("--seed", self.seed), ("--aged", self.aged))
+        drawn = self.aged > 0 or self.examine
+        conflict("--seed", self.seed != 0 and not drawn, "is for --aged and --examine")
         return kind, count
 
     def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
@@ -193,11 +221,12 @@ def place(
 
         from ambinav.studies.design.place.document import document
         from ambinav.studies.design.place.report import STUDY, write_report
-        from ambinav.studies.design.place.study import place_obstacles
+        from ambinav.studies.design.place.study import checked_rules, place_obstacles
 
         making.check()
         space.check()
         robot.check()
+        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
         _, count = obstacles.kind()
         obstacles.rules()
         check_report(STUDY, output, pictures)
@@ -206,13 +235,15 @@ def place(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
+        rules = obstacles.rules(chosen)
+        checked_rules(environment, chosen, rules, count, reach, aged=obstacles.aged, keep_out=zones)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
             study = place_obstacles(
                 environment,
                 chosen,
                 amap,
-                obstacles.rules(chosen),
+                rules,
                 count,
                 reach,
                 regions,

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.design_place import PositionOptions
+from ambinav.cli.checks import conflict
+from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
@@ -95,9 +96,13 @@ class NeedOptions:
         from ambinav.layers.reflectors.views import ReflectorRules
 
         above_zero(self.reflector_range, "--reflector-range", "20")
-        return ReflectorRules(
-            self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
-        )
+        try:
+            return ReflectorRules(
+                self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
+            )
+        except InputError as error:  # names the field
+            name, _, rest = str(error).partition(" ")
+            raise InputError(f"--{name.replace('_', '-')} {rest}") from None
 
 
 @options.documented
@@ -124,17 +129,21 @@ def reflectors(
     with reporting():
         from ambinav.studies.design.reflectors.document import document
         from ambinav.studies.design.reflectors.report import STUDY, write_report
-        from ambinav.studies.design.reflectors.study import plan_reflectors
+        from ambinav.studies.design.reflectors.study import check_reflectors, plan_reflectors
 
         making.check()
         robot.check()
-        _, count = new.asked()
+        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        kind, count = new.asked()
+        new.check_used([kind] if count else ())
         new.positions()
         rules = needs.rules()
         zones = keep_out_zones(new.keep_out)
         check_report(STUDY, output, pictures)
         environment, chosen = making.load(map_file, scanner, building)
         reach = robot.reach(environment, chosen)
+        positions = new.positions(chosen) if count else None
+        check_reflectors(environment, chosen, reach, positions, zones)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
             layout = plan_reflectors(
@@ -143,7 +152,7 @@ def reflectors(
                 amap,
                 reach,
                 rules,
-                new.positions(chosen) if count else None,
+                positions,
                 count,
                 keep_out=zones,
                 report=bars,

@@ -139,6 +139,13 @@ def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
         (("--posts", "3", "--min-passage", "0.3"), "less than the robot's width"),
         (("--posts", "3", "--candidates", "0"), "--candidates: 0"),
         (("--posts", "3", "--seed", "-1"), "--seed: -1"),
+        (("--posts", "3", "--seed", "1"), "--seed is for --aged and --examine; leave it out"),
+        (("--posts", "3", "--width", "1"), "--width is not about posts; leave it out"),
+        (("--posts", "3", "--layers", "fisher"), "--layers has no effect here"),
+        (
+            ("--posts", "3", "--extrude", "2", "--scanner-height", "1", "--top", "3"),
+            "--top: 3 is above",
+        ),
         (("--tags", "3"), "measures no intensities"),
         (("--tags", "3", "--free-standing"), "flat on a wall"),
         (("--posts", "30", "--candidates", "5"), "30 are requested"),

@@ -62,11 +62,11 @@ class PlaceRules:
             if not value > 0.0:
                 option = name.replace("_", "-")
                 raise InputError(f"--{option}: {value:g} is not above zero; give metres.")
-        if not as_number(self.bottom, "bottom") >= 0.0:
+        if not as_number(self.bottom, "--bottom") >= 0.0:
             raise InputError(
                 f"--bottom: {self.bottom:g} is below the floor; give 0 or more metres."
             )
-        if self.top is not None and not self.bottom < as_number(self.top, "top") <= HIGHEST:
+        if self.top is not None and not self.bottom < as_number(self.top, "--top") <= HIGHEST:
             raise InputError(
                 f"--top: {self.top:g} is not above the bottom of {self.bottom:g}, or above "
                 f"{HIGHEST:g}; give metres between."
@@ -109,6 +109,11 @@ class PlaceRules:
             raise InputError(
                 f"--bottom: {self.bottom:g} is not below the top of {name}, {height:g} m above its "
                 "floor; give less."
+            )
+        if self.top is not None and self.top > height:
+            raise InputError(
+                f"--top: {self.top:g} is above the top of {name}, {height:.4g} m above its floor; "
+                "give at most that, or leave it out."
             )
         if not isinstance(space, Mesh):
             return self

@@ -30,6 +30,20 @@ DENSE: Final = 85
 """half are where more bad floor is in range than for this percentage of the others."""
 
 
+def check_zones(keep_out: BaseGeometry | None, environment: Environment) -> None:
+    """Check that polygons which no obstacle may touch meet the building.
+
+    Raises:
+        InputError: they lie beside it.
+    """
+    if keep_out is not None and not keep_out.intersects(shapely.box(*environment.bounds)):
+        west, south, east, north = (f"{value:.4g}" for value in environment.bounds)
+        raise InputError(
+            f"--keep-out: no polygon meets {environment.name}, which lies from x {west} to {east} "
+            f"and y {south} to {north}; give them in metres of the map frame."
+        )
+
+
 class Positions:
     """Allowed positions of obstacles in a building.
 
@@ -72,12 +86,7 @@ class Positions:
         ]
         self._lines = shapely.MultiLineString(list(routes))
         self._kept_out = shapely.Polygon() if keep_out is None else keep_out
-        if keep_out is not None and not self._kept_out.intersects(shapely.box(*environment.bounds)):
-            west, south, east, north = (f"{value:.4g}" for value in environment.bounds)
-            raise InputError(
-                f"--keep-out: no polygon meets {environment.name}, which lies from x {west} to "
-                f"{east} and y {south} to {north}; give them in metres of the map frame."
-            )
+        check_zones(keep_out, environment)
         shapely.prepare([self._lines, self._kept_out])
         self._bad, self._sight = cKDTree(bad), sight
         self._sites = Sites(environment, rules, floor, wide.wide)

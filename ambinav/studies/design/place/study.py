@@ -28,7 +28,7 @@ from ambinav.studies.design.place.exact import Coverage, Optimum, covered_most, 
 from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.moves import Moves
-from ambinav.studies.design.place.positions import Positions
+from ambinav.studies.design.place.positions import Positions, check_zones
 from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Places, Region
 
@@ -94,6 +94,32 @@ class Remedy:
         )
 
 
+def checked_rules(
+    environment: Environment, scanner: RangeScanner, rules: PlaceRules, count: int, reach: Reach,
+    *, aged: int = 0, keep_out: BaseGeometry | None = None,
+) -> PlaceRules:  # fmt: skip
+    """Check what is asked for before the long work; return the rules in this building.
+
+    Args and errors as of `place_obstacles`, as far as they need no map.
+    """
+    rules = rules.suited(environment)
+    if count < 1:
+        raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")
+    if rules.kind == "tag" and not len(scanner.intensity_beams):
+        raise InputError(
+            f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "
+            "tag from its wall; give a scanner with an intensity channel, or --posts or --panels."
+        )
+    if aged and isinstance(environment.space, Mesh):
+        raise InputError(
+            f"--aged: {environment.name} is a mesh, whose walls and furniture are not known; leave "
+            "this out."
+        )
+    check_passage(rules, reach)
+    check_zones(keep_out, environment)
+    return rules
+
+
 def place_obstacles(
     environment: Environment,
     scanner: RangeScanner,
@@ -130,23 +156,10 @@ def place_obstacles(
             robot, no bad floor in the regions, fewer places than obstacles, aged buildings
             without `rng` or of a mesh, or see `PlaceRules.suited` and `Positions`.
     """
-    rules = rules.suited(environment)
+    rules = checked_rules(environment, scanner, rules, count, reach, aged=aged, keep_out=keep_out)
     regions = tuple(regions) or (Region.of_map(),)
-    if count < 1:
-        raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")
-    if rules.kind == "tag" and not len(scanner.intensity_beams):
-        raise InputError(
-            f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "
-            "tag from its wall; give a scanner with an intensity channel, or --posts or --panels."
-        )
     if aged and rng is None:
         raise InputError(f"aged: {aged} buildings cannot be drawn without rng; give a generator.")
-    if aged and isinstance(environment.space, Mesh):
-        raise InputError(
-            f"--aged: {environment.name} is a mesh, whose walls and furniture are not known; leave "
-            "this out."
-        )
-    check_passage(rules, reach)
     if len({region.unit for region in regions}) > 1:
         raise InputError(
             "--polygon: areas of floor and metres of routes cannot be added; give one of the two."

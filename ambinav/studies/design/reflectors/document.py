@@ -141,11 +141,16 @@ def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
     if left:
         remarks.append(f"Elsewhere it cannot: {', '.join(left)}.")
     if layout.steps and after.good <= layout.before.good:
+        more = "give more of them, or a smaller --needed"
+        if after.enough <= layout.before.enough:
+            more += "; few beams meet a thin one from afar: a larger --radius or more beams help"
         remarks.append(
             f"The new reflectors add no floor on which it can navigate; where {rules.needed} must "
-            "be in view, give more of them, or a smaller --needed."
+            f"be in view, {more}."
         )
     if len(layout.steps) < asked:
         why = "no floor is left" if not left else "no further place helps"
+        if left and len(layout.steps) == layout.tried:
+            why = "there are no more places; give more --candidates"
         remarks.append(f"{len(layout.steps)} of {asked} new reflectors: {why}.")
     return remarks

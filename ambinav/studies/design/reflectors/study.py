@@ -23,7 +23,7 @@ from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
-from ambinav.studies.design.place.positions import Positions
+from ambinav.studies.design.place.positions import Positions, check_zones
 from ambinav.studies.design.place.study import Report, check_passage
 from ambinav.studies.design.reflectors.search import Search
 
@@ -138,6 +138,23 @@ def states(found: Positioning, free: Bools) -> Bytes:
     return picture
 
 
+def check_reflectors(
+    environment: Environment, scanner: RangeScanner, reach: Reach, positions: PlaceRules | None,
+    keep_out: BaseGeometry | None,
+) -> None:  # fmt: skip
+    """Check what is asked for before the long work.
+
+    Args and errors as of `plan_reflectors`, as far as they need no map.
+    """
+    plane_only(environment, "navigation by reflectors")
+    reason = why_no_reflectors(scanner)
+    if reason is not None:
+        raise InputError(f"scanner {scanner.name!r} recognises no reflectors: {reason}")
+    if positions is not None:
+        check_passage(positions.suited(environment), reach)
+    check_zones(keep_out, environment)
+
+
 def plan_reflectors(
     environment: Environment,
     scanner: RangeScanner,
@@ -168,11 +185,8 @@ def plan_reflectors(
         InputError: a building in space, a scanner without intensities, a passage narrower than the
             robot, no floor that counts, too many places for the memory, or see `Positions`.
     """
-    plane_only(environment, "navigation by reflectors")
+    check_reflectors(environment, scanner, reach, positions, keep_out)
     rules = rules or ReflectorRules()
-    reason = why_no_reflectors(scanner)
-    if reason is not None:
-        raise InputError(f"scanner {scanner.name!r} recognises no reflectors: {reason}")
     context = LayerContext.of(amap, environment, scanner)
     site = Site.of(context, rules)
     parts = amap.for_robot(reach).judged
@@ -192,7 +206,6 @@ def plan_reflectors(
     wanting = counted & ~first.good
     if positions is None or not count or not wanting.any():
         return layout
-    check_passage(positions, reach)
     # What is placed here reflects, whatever else the same rules are used for.
     positions = replace(positions, reflective=True)
     candidates = _candidates(site, positions, wanting, reach, keep_out)

@@ -5,19 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final, TypeAlias
 
 from pydantic import Field
 
-from ambinav.config import (
-    ConfigModel,
-    NonNegative,
-    Positive,
-    checked,
-    nearest,
-    parse_yaml,
-    read_text,
-)
+from ambinav.config import ConfigModel, checked, nearest, number, parse_yaml, read_text
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import KINDS, Kind
 
@@ -27,6 +19,11 @@ EXAMPLE: Final = {
     "scanner": "scanner: {rplidar-a1: 99}",
 }  # fmt: skip
 SWITCHES: Final = ("scanner", "mount", "second-scanner")
+
+
+DEAREST: Final = 1e9
+Amount: TypeAlias = Annotated[float, number(least=0, most=DEAREST)]
+Price: TypeAlias = Annotated[float, number(above=0, most=DEAREST)]
 
 
 class Costs(ConfigModel):
@@ -40,11 +37,11 @@ class Costs(ConfigModel):
         scanner: Of another or a second scanner, by preset or file.
     """
 
-    post: Positive | None = None
-    panel: Positive | None = None
-    tag: Positive | None = None
-    mount: NonNegative | None = None
-    scanner: dict[str, NonNegative] = Field(default_factory=dict)
+    post: Price | None = None
+    panel: Price | None = None
+    tag: Price | None = None
+    mount: Amount | None = None
+    scanner: dict[str, Amount] = Field(default_factory=dict)
 
     def prices(self) -> dict[Kind, float]:
         """Return the prices of obstacles by kind, of those that have one."""

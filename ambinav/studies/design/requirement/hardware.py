@@ -90,6 +90,13 @@ def hardware_options(
                 )
             names.append(other.name)
             options += _with_listed(scanner, other, cost, allowed, costs.mount)
+            if allowed.scanner and other == scanner:
+                remarks.append(f"{listed} of {source} is the present scanner.")
+            if allowed.second_scanner and turned(other) is None:
+                remarks.append(
+                    f"No second scanner {other.name}: it is no fan in a plane, which would be "
+                    "turned by half a turn."
+                )
     options.sort(key=lambda option: option.cost)
     return tuple(options), tuple(remarks)
 

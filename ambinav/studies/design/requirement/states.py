@@ -269,7 +269,9 @@ class ObstacleSearch:
                     self.state(obstacles[:i] + obstacles[i + 1 :]) for i in range(len(obstacles))
                 ]
             states.sort(key=lambda state: (state.cost, state.bad))
-            # Each placement costs more than those before it.
-            batch = Batch(tuple(states), states[0].cost)
+            # Each placement costs more than those before it, but another first one may be cheaper.
+            least = self.hardware.cost + min(self.terms.prices[kind] for kind in self.terms.most)
+            bound = states[0].cost if len(obstacles) > 1 else min(states[0].cost, least)
+            batch = Batch(tuple(states), bound)
             self._batches[frozenset(obstacles)] = replace(batch, states=())
             yield batch

@@ -13,6 +13,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Kind, PlaceRules
+from ambinav.studies.design.place.positions import check_zones
 from ambinav.studies.design.place.study import Report, check_passage
 from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.hardware import hardware_options
@@ -111,7 +112,8 @@ def meet_requirement(
     Raises:
         InputError: neither requirement nor budget is given, a requirement on lost robots without
             trips or trips without one, a change has no cost, a passage narrower than the robot, no
-            floor counts, the polygons leave no place for any obstacle, or see `PlaceRules.suited`.
+            floor counts, the polygons lie beside the building or leave no place for an obstacle, or
+            see `PlaceRules.suited`.
     """
     if requirement is None and budget is None:
         raise InputError('requirement: none is given; write one such as "bad < 2 %", or --budget.')
@@ -123,6 +125,7 @@ def meet_requirement(
     if budget is not None and not (math.isfinite(budget) and budget >= 0.0):
         raise InputError(f"--budget: {budget:g} is not zero or above; give an amount, e.g. 500.")
     allowed.check(costs, source)
+    check_zones(keep_out, environment)
     for kind in allowed.most:
         check_passage(rules(kind, scanner).suited(environment), reach)
     options, remarks = hardware_options(scanner, allowed, costs, source)

@@ -102,16 +102,14 @@ def test_a_report_on_lost_robots_is_written(folder) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--keep-out", "all.wkt")])
-def test_scanners_alone_that_do_not_meet_it_end_with_status_3(folder, more) -> None:
-    # Without obstacles there is nothing to keep off the zones.
+def test_scanners_alone_that_do_not_meet_it_end_with_status_3(folder) -> None:
     (folder / "costs.yaml").write_text("{scanner: {turtlebot3-lds: 99}}")
     for required, hall, trips in (
         ("bad < 1 %", "hall.wkt", ()),
         ("lost < 1 %", "long.wkt", ("--places", "places.yaml")),
     ):
         arguments = ["design", "for", hall, required, *ASKED[1:], "--may", "scanner", "--json"]
-        result = CliRunner().invoke(app, [*arguments, *trips, *more])
+        result = CliRunner().invoke(app, [*arguments, *trips])
         assert result.exit_code == 3, result.output
         assert Document.model_validate_json(result.stdout).met is False
 
@@ -153,6 +151,13 @@ def test_a_budget_below_everything_changes_nothing(folder) -> None:
         ("bad < 5 %", "posts=1,posts=2", (), "named twice"),
         ("bad < 5 %", "scanner=2", (), "scanner has no number"),
         ("bad < 5 %", "posts=2", ("--keep-out", "all.wkt"), "off the --keep-out zones"),
+        ("bad < 5 %", "posts=2,scanner", ("--keep-out", "far.wkt"), "--keep-out: no polygon meets"),
+        ("bad < 5 %", "scanner", ("--keep-out", "all.wkt"), "--keep-out is about new obstacles"),
+        ("bad < 5 %", "scanner", ("--top", "1"), "--top is about new obstacles; leave it out"),
+        ("bad < 5 %", "scanner", ("--candidates", "0"), "--candidates is about new obstacles"),
+        ("bad < 5 %", "posts=2", ("--width", "1"), "--width is not about posts; leave it out"),
+        ("bad < 5 %", "posts=2", ("--layers", "fisher"), "--layers has no effect here"),
+        ("bad < 5 %", "posts=2", ("--may", "posts=1"), "named twice"),
         ("bad < 5 %", "tags=2", ("--free-standing",), "flat on a wall"),
         ("bad < 5 %", "posts=2", ("--budget", "-1"), "--budget: -1"),
         ("bad <", "posts=2", (), "a number is expected"),
@@ -173,6 +178,7 @@ def test_a_budget_below_everything_changes_nothing(folder) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_a_sentence(folder, required, may, more, said) -> None:
+    (folder / "far.wkt").write_text("POLYGON ((1000 0, 2000 0, 2000 900, 1000 0))")
     result = run(required, "--may", may, *more)
     assert result.exit_code == 2, result.output
     text = " ".join(result.stderr.split())
@@ -191,6 +197,7 @@ def test_neither_requirement_nor_budget(folder) -> None:
     [
         ("{post: 0}", "costs.yaml: post is 0; give a number above 0"),
         ("{pots: 3}", "did you mean post"),
+        ("{post: 1e300}", "post is '1e300'; give a number above 0, at most 1e+09"),
         ("{scanner: {rplidar-a1: -3}}", "-3"),
         ("{scanner: 99}", "scanner"),
         ("", "the file is empty"),
@@ -208,6 +215,16 @@ def test_the_example_of_costs_can_be_read() -> None:
     path = ROOT / "configs" / "costs-example.yaml"
     assert "invented examples" in path.read_text()
     assert len(read_costs(path).prices()) == 3
+
+
+@pytest.mark.slow
+def test_listed_scanners_that_cannot_be_used_are_said(folder) -> None:
+    (folder / "costs.yaml").write_text("{scanner: {velodyne-vlp-16: 9, laser.yaml: 9}}")
+    result = run("bad < 1 %", "--may", "scanner", "--may", "second-scanner", "--json")
+    assert result.exit_code == 3, result.output
+    remarks = " ".join(json.loads(result.stdout)["remarks"])
+    assert "No second scanner velodyne-vlp-16: it is no fan" in remarks
+    assert "laser.yaml of costs.yaml is the present scanner." in remarks
 
 
 @pytest.mark.slow
