@@ -264,6 +264,9 @@ def _rise(before, here, after):
 def relax(cost, radii, circle, cells, iterations):
     """Make costs less steep where their gradient is not allowed, and change them little.
 
+    With steps of each vertex' own (Pock and Chambolle 2011, "Diagonal preconditioning for first
+    order primal-dual algorithms", lemma 2).
+
     Args:
         cost: Costs, (R, C), finite at the vertices of all cells; changed.
         radii: See `gauge`, times the step from vertex to vertex, (R, C, M).
@@ -273,17 +276,15 @@ def relax(cost, radii, circle, cells, iterations):
     """
     rows, columns = cost.shape
     count = cells.shape[1]
+    weight = _weights(cost.shape, cells)
     ahead, pull = cost.copy(), np.zeros(cost.shape)
     flow = np.zeros((count, 9, 2))
-    # The squares of a cell's differences along one of its lines add up to 1.5 times those of its
-    # two steps; a line counts in two cells, and the norm of the Laplacian of a grid is at most 8:
-    # both steps are 1 / sqrt(24) at most.
-    size = 1.0 / math.sqrt(24.0)
     for _ in range(iterations):
         for k in range(count):
             for vertex in range(9):
                 row, column, left, right, low, high = ends_of(cells[0, k], cells[1, k], vertex)
                 sx, sy = 1.0 / (right - left), 1.0 / (high - low)
+                size = 0.5 / max(sx, sy)
                 x = flow[k, vertex, 0] + size * sx * (ahead[row, right] - ahead[row, left])
                 y = flow[k, vertex, 1] + size * sy * (ahead[high, column] - ahead[low, column])
                 rate = gauge(x, y, row, column, radii, circle)
@@ -301,10 +302,25 @@ def relax(cost, radii, circle, cells, iterations):
                 pull[low, column] -= sy * y
         for i in range(rows):
             for j in range(columns):
-                change = size * pull[i, j]
-                cost[i, j] -= change
-                ahead[i, j] = cost[i, j] - change
-                pull[i, j] = 0.0
+                if weight[i, j] > 0.0:
+                    change = pull[i, j] / weight[i, j]
+                    cost[i, j] -= change
+                    ahead[i, j] = cost[i, j] - change
+                    pull[i, j] = 0.0
+
+
+@kernel
+def _weights(shape, cells):
+    """Return the sum of the coefficients with which a vertex stands in gradients, (R, C)."""
+    weight = np.zeros(shape)
+    for k in range(cells.shape[1]):
+        for vertex in range(9):
+            row, column, left, right, low, high = ends_of(cells[0, k], cells[1, k], vertex)
+            for end in (left, right):
+                weight[row, end] += 1.0 / (right - left)
+            for end in (low, high):
+                weight[end, column] += 1.0 / (high - low)
+    return weight
 
 
 @kernel(inline="always")
