@@ -331,6 +331,11 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
         (["--via", "3,1", "--max-lost", "0.1"], "--via is not for --max-lost"),
         (["--or-goal", "3,1", "--space", "se2"], "--or-goal has no headings"),
         (["--via", "2,1 90,90"], "via[1] (90, 90) is outside of the map"),
+        (["--bad-level", "0.3"], "--bad-level is for --max-bad-metres; leave it out"),
+        (["--comfort", "0.3"], "--comfort is for --clearance-weight; leave it out"),
+        (["--robot-radius", "-1"], "--robot-radius: -1 is not above zero"),
+        (["--iterations", "0"], "--iterations: 0 is too few"),
+        (["--seed", "-1"], "--seed: -1 is negative"),
     ],
 )
 def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], message: str) -> None:
@@ -352,6 +357,16 @@ def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
         route = load_route(plan_folder / "k.csv")
         away.append(shapely.LineString(route.poses[:, :2]).distance(zone))
     assert away[1] > away[0]
+    beside = shapely.transform(zone, lambda xy: xy + 1000.0)
+    lane = {"type": "Feature", "properties": {"width": 1.0}, "geometry": {"type": "LineString"}}
+    lane["geometry"]["coordinates"] = [[900.0, 0.0], [950.0, 0.0]]
+    (plan_folder / "far.wkt").write_text(f"{beside.wkt}\n")
+    (plan_folder / "far.json").write_text(json.dumps({"features": [lane]}))
+    for words in (["--keep-out", "far.wkt"], ["--one-way", "far.json"]):
+        result = runner.invoke(app, [*PLAN, *words, "-o", "k.csv"])
+        assert result.exit_code == 2
+        said = f"{' '.join(words).replace(' ', ': ')}: all of it lies beside the map, which covers"
+        assert said in " ".join(result.stderr.split())
     result = runner.invoke(app, [*PLAN, "--keep-out", "none.wkt", "-o", "k.csv"])
     assert result.exit_code == 2
     assert "none.wkt" in result.stderr

@@ -16,6 +16,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.plan_levels import levels_of
+from ambinav.buildings.plan_units import check_frame
 from ambinav.buildings.shapes import checked
 from ambinav.config import read_text
 from ambinav.runtime.errors import InputError
@@ -109,7 +110,9 @@ def _items(path: Path) -> Iterator[DrawnItem]:
     text = read_text(path)
     if path.suffix.lower() == ".wkt":
         return wkt_items(path, text)
-    return geojson_items(f"{path}", geojson_document(path, text), None)
+    document = geojson_document(path, text)
+    check_frame(str(path), document.get("crs"), None, [])
+    return geojson_items(f"{path}", document, None)
 
 
 def geojson_document(path: Path, text: str) -> dict[str, Any]:
@@ -161,6 +164,8 @@ def geojson_items(label: str, node: object, tags: Tags | None) -> Iterator[Drawn
             geometry = shapely.geometry.shape({"type": what, "coordinates": node["coordinates"]})
         except (shapely.errors.ShapelyError, ValueError, TypeError, IndexError) as error:
             reason = str(error).partition("\n")[0].rstrip(".")
+            if "inhomogeneous" in reason:
+                reason = "some positions have a height and others none"
             raise InputError(
                 f"{label}: the coordinates make no {what} ({reason}); correct them."
             ) from error

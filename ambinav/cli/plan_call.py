@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,6 +146,7 @@ class PlanCall:
         self.robot.check()
         self.belief.check(search, self.forecast.odometry)
         promise.check(search, cost, result)
+        self.limits.check()
         self.mission.check(self.robot, promise, result)
         self.graph.check(search, self.robot, promise, result, self.limits, self.output)
         self.forecast.check()
@@ -160,17 +160,16 @@ class PlanCall:
         from ambinav_planners import RoutePlanner
 
         if not self.speed.least_time:
-            return [RoutePlanner(self.cost.service(amap), **self._settings)]
-        radius = self._settings["footprint"].outer
-        services = self.speed.services(amap, radius, self.forecast)
-        return [RoutePlanner(service, **self._settings) for service in services]
+            return [RoutePlanner(self.cost.service(amap), **self._settings(amap))]
+        settings = self._settings(amap)
+        services = self.speed.services(amap, settings["footprint"].outer, self.forecast)
+        return [RoutePlanner(service, **settings) for service in services]
 
-    @cached_property
-    def _settings(self) -> dict[str, Any]:
-        """Settings of the planners but for their costs; some are read from files, once."""
+    def _settings(self, amap: AmbiguityMap) -> dict[str, Any]:
+        """Return settings of the planners but for their costs; some are read from files."""
         return {
             **self.robot.arguments(),
-            **self.limits.arguments(),
+            **self.limits.arguments(amap),
             **self.belief.arguments(self.forecast.odometry),
             **self.graph.arguments(),
         }
@@ -210,7 +209,9 @@ class PlanCall:
             if self.cost.adds_metres:
                 from ambinav_planners import RoutePlanner
 
-                planned.direct = RoutePlanner(self.cost.of_length.service(amap), **self._settings)
+                planned.direct = RoutePlanner(
+                    self.cost.of_length.service(amap), **self._settings(amap)
+                )
             planned.add(SHORTEST, self.mission.plan(planned.direct, start, goal, self.search, 0.0))
         return planned
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.checks import check_replaced, check_suffix, conflict, points_of
-from ambinav.cli.running import above_zero, check_file, check_writable, not_negative
+from ambinav.cli.running import above_zero, at_least, check_file, check_writable, not_negative
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,11 +72,14 @@ class SearchOptions:
         return self.planner.startswith("belief")
 
     def check(self) -> None:
-        """Refuse an invalid time.
+        """Refuse an invalid time, number of iterations or seed.
 
         Raises:
-            InputError: it is not above zero, or inf without a number of iterations.
+            InputError: the time is not above zero, or inf without a number of iterations; or
+                another is out of its range.
         """
+        at_least(1, ("--iterations", self.iterations))
+        at_least(0, ("--seed", self.seed))
         if not (self.time == math.inf and self.iterations is not None):
             above_zero(self.time, "--time", "1", "seconds")
 
@@ -135,6 +138,11 @@ class CostOptions:
             "--outside-weight",
             self.outside_weight is not None and self.prefer is None,
             "is for --prefer",
+        )
+        conflict(
+            "--comfort",
+            self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
+            "is for --clearance-weight",
         )
         not_negative(self.outside_weight, "--outside-weight", "1", "a number")
         not_negative(self.weight, "--weight", "5", "a number")
@@ -205,6 +213,7 @@ class RobotOptions:
         Raises:
             InputError: there is one.
         """
+        above_zero(self.robot_radius, "--robot-radius", "0.2")
         if self.space in CURVES:
             above_zero(self.turning_radius, "--turning-radius", "0.5")
         else:
@@ -278,18 +287,34 @@ class LimitOptions:
     max_bad_metres: float | None = None
     bad_level: float = 0.5
 
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of `RoutePlanner` about excluded floor.
+    def check(self) -> None:
+        """Refuse a level without the limit that it is for.
 
         Raises:
-            InputError: the file of polygons cannot be used.
+            InputError: it is given.
+        """
+        given = self.bad_level != 0.5 and self.max_bad_metres is None
+        conflict("--bad-level", given, "is for --max-bad-metres")
+
+    def arguments(self, amap: AmbiguityMap) -> dict[str, Any]:
+        """Return the arguments of `RoutePlanner` about excluded floor of a map.
+
+        Raises:
+            InputError: a file of polygons or lanes cannot be used, or lies beside the map.
         """
         from ambinav_planners import OneWayLanes
+        from ambinav_planners.problem import check_on_map
 
+        keep_out = _polygons(self.keep_out)
+        one_way = None if self.one_way is None else OneWayLanes.read(self.one_way)
+        if keep_out is not None:
+            check_on_map(amap, [keep_out], f"--keep-out: {self.keep_out}")
+        if one_way is not None:
+            check_on_map(amap, one_way.polygons, f"--one-way: {self.one_way}")
         return {
             "avoid_open": self.avoid_open,
-            "keep_out": _polygons(self.keep_out),
-            "one_way": None if self.one_way is None else OneWayLanes.read(self.one_way),
+            "keep_out": keep_out,
+            "one_way": one_way,
             "max_bad_metres": self.max_bad_metres,
             "bad_level": self.bad_level,
         }

@@ -362,8 +362,8 @@ def _outside(amap: AmbiguityMap, shape: BaseGeometry) -> Bools:
     outside = ~shapely.intersects_xy(shape, x, y)
     if outside[free].all():
         raise InputError(
-            "preferred: the polygons hold no free cell of the map; give some in the map's frame, "
-            "metres."
+            "preferred: the polygons hold the centre of no free cell of the map; give some in the "
+            f"map's frame, metres, wider than a cell of {amap.spacing:g} m."
         )
     row, column, _ = nearest_possible(free[:, :, np.newaxis], 0)
     return np.asarray(outside[row, column])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ambinav.buildings.plan_units import check_frame
 from ambinav.config import as_number, read_text
 from ambinav.config.values import shown
 from ambinav.runtime.errors import InputError
@@ -50,6 +51,7 @@ def read_features(path: Path, what: str) -> Iterator[Feature]:
         raise InputError(
             f"{path}: features is {shown(features)}; give {what}, a GeoJSON FeatureCollection."
         )
+    check_frame(str(path), document.get("crs"), None, [])
     for k, feature in enumerate(features):
         label = f"{path}: features[{k}]"
         geometry = feature.get("geometry") if isinstance(feature, dict) else None

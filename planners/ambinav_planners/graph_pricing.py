@@ -148,6 +148,12 @@ class PricedGraph:
                 f"{source}: no route over its edges keeps to at most {problem.limit.metres:g} m in "
                 f"a row above {problem.limit.level:g}; allow more, or a higher level."
             )
+        either = dijkstra(matrix, directed=False, indices=count - 2, unweighted=True)
+        if np.isfinite(either[count - 1]):
+            return (
+                f"{source}: only against the direction of some edges do they lead from the start "
+                f"{start} to the goal {goal}; add edges the other way, or turn those."
+            )
         parts = [np.flatnonzero(reached[: len(self.graph.xy)]) for reached in (ahead, behind)]
         return (
             f"{source}: its edges do not lead from the start {start} to the goal {goal}: the start "

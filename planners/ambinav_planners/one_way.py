@@ -58,6 +58,12 @@ class OneWayLanes:
             raise InputError(f"degrees is {degrees!r}; give a finite direction for each lane.")
         inner = np.empty(len(polygons), dtype=np.object_)
         inner[:] = [shapely.buffer(polygon, -EDGE) for polygon in polygons]
+        for k, lane in enumerate(inner):
+            if lane.is_empty:
+                raise InputError(
+                    f"polygons[{k}] is nowhere {2.0 * EDGE:g} m wide; draw the whole width of the "
+                    "lane, metres."
+                )
         shapely.prepare(inner)
         return cls(inner, np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
@@ -79,6 +85,11 @@ class OneWayLanes:
             for polygon, angle in _lanes(feature):
                 if not polygon.is_valid or not polygon.area > 0.0:
                     raise InputError(f"{feature.label}: its outline crosses itself or is empty.")
+                if shapely.buffer(polygon, -EDGE).is_empty:
+                    raise InputError(
+                        f"{feature.label}: the lane is nowhere {2.0 * EDGE:g} m wide; draw its "
+                        "whole width, metres."
+                    )
                 polygons.append(polygon)
                 degrees.append(angle)
         if not polygons:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from weakref import WeakKeyDictionary, WeakValueDictionary
@@ -117,6 +117,21 @@ def make_checker(
         )
         kept[key] = checker
     return checker
+
+
+def check_on_map(amap: AmbiguityMap, shapes: Iterable[BaseGeometry], name: str) -> None:
+    """Check that a shape of some, map frame, metres, meets the map.
+
+    Raises:
+        InputError: none does.
+    """
+    xmin, ymin, xmax, ymax = amap.bounds
+    box = shapely.box(xmin, ymin, xmax, ymax)
+    if not any(shape.intersects(box) for shape in shapes):
+        raise InputError(
+            f"{name}: all of it lies beside the map, which covers x from {xmin:.4g} to {xmax:.4g} "
+            f"m and y from {ymin:.4g} to {ymax:.4g} m; give metres in the map's frame."
+        )
 
 
 def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float = 0.0) -> Bools:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.runtime.errors import InputError
 from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
-from ambinav_planners.search.widest_way import widest_way
+from ambinav_planners.search.widest_way import Narrowest, widest_way
 from tests.planners.conftest import LASER
 
 
@@ -82,6 +83,32 @@ def test_the_narrowest_place_is_that_of_the_passage(
     found = widest_way(rooms, np.array([1.5, 2.0]), np.array([end + 2.5, 2.0]), 0.2)
     assert found is not None and found.width == pytest.approx(width, abs=0.0201)
     assert 3.9 <= found.x <= end + 0.1 and low < found.y < low + width
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spacing", [0.1, 0.2])
+@pytest.mark.parametrize("offset", [0.0, 0.03, 0.08])
+def test_of_several_doors_the_one_that_decides_is_named(spacing: float, offset: float) -> None:
+    """Wherever they stand on the lattice, which sees a door narrower than it is."""
+
+    def narrowest(*walls: list[tuple[float, float]]) -> Narrowest:
+        closed = [
+            shapely.box(3.0 * n, low, 3.0 * n + 0.1, high)
+            for n, doors in enumerate(walls, start=1)
+            for low, high in pairwise([0.0, *(y for door in doors for y in door), 5.0])
+            if (low, high) not in doors
+        ]
+        rooms = an.environment_from_shapes([shapely.box(0, 0, 9, 5) - shapely.union_all(closed)])
+        found = widest_way(rooms, np.array([1.0, 2.5]), np.array([8.0, 2.5]), spacing)
+        assert found is not None
+        return found
+
+    beside = narrowest([(1.0, 1.8), (3.0 + offset, 3.85 + offset)])
+    assert (beside.x, beside.y) == pytest.approx((3.05, 3.425 + offset), abs=0.1)
+    assert beside.width == pytest.approx(0.85, abs=0.2 * spacing)
+    behind = narrowest([(2.0 + offset, 2.8 + offset)], [(2.0, 2.9)])
+    assert (behind.x, behind.y) == pytest.approx((3.05, 2.4 + offset), abs=0.1)
+    assert behind.width == pytest.approx(0.8, abs=0.2 * spacing)
 
 
 def test_the_place_that_is_offered_is_free() -> None:

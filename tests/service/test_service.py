@@ -271,7 +271,7 @@ def test_a_metre_outside_of_preferred_floor_costs_more(plain: an.AmbiguityMap) -
 
 
 def test_what_is_no_preferred_floor(plain: an.AmbiguityMap) -> None:
-    with pytest.raises(InputError, match="hold no free cell of the map"):
+    with pytest.raises(InputError, match="hold the centre of no free cell"):
         an.AmbiguityService(plain, preferred=shapely.box(900, 900, 901, 901))
     with pytest.raises(InputError, match="give a shapely geometry"):
         an.AmbiguityService(plain, preferred="box")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from ambinav_planners.search.graph import walk_back
 FINER, AROUND = 10, 3
 # Cells of which one looks closer, for the time that it takes.
 MOST = 10_000
+# Places that are looked at closer at most.
+ROUNDS = 30
 # Half of the steps to the eight neighbours of a point, rows and columns.
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -41,7 +44,10 @@ def widest_way(
     """Return the narrowest place of the way whose narrowest place is widest.
 
     Ways are sought over a lattice of points; the discs up to the walls around two neighbours must
-    touch, so a way over free floor joins them. Gaps narrower than about two spacings may be missed.
+    touch, so a way over free floor joins them. A passage may be wider than at the points in it, so
+    it counts as wide as it can be until one has looked closer: the narrowest place of the best way
+    is looked at on a finer lattice, until it is one that has been. Gaps narrower than about two
+    spacings may be missed.
 
     Args:
         geometry: The walls.
@@ -52,11 +58,35 @@ def widest_way(
     Returns:
         None if there is no way even for a point, as far as the lattice shows.
     """
-    path = _path(geometry, start, goal, geometry.bounds, spacing)
-    if path is None:
-        return None
+    lattice = _Lattice.within(geometry, start, goal, geometry.bounds, spacing)
+    # Between four points the middle is so far from them at most, and no ends are wider.
+    wide = lattice.clearance + math.sqrt(0.5) * spacing
+    wide[-2:] = lattice.clearance[-2:]
+    seen: dict[int, Narrowest] = {}
+    narrowest = None
+    for _ in range(ROUNDS):
+        way = lattice.way(wide)
+        if way is None:
+            return None
+        k = int(wide[way].argmin())
+        if int(way[k]) in seen:
+            return seen[int(way[k])]
+        narrowest = _closer(geometry, lattice.points[way], k, spacing)
+        half = 0.5 * narrowest.width
+        away = np.hypot(*(lattice.points - (narrowest.x, narrowest.y)).T)
+        here = (away <= max(half, spacing)) & (lattice.clearance <= half)
+        here[way[k]] = True
+        for point in np.flatnonzero(here & (wide > half)).tolist():
+            wide[point] = max(half, lattice.clearance[point])
+            seen[point] = narrowest
+        if int(way[k]) not in seen:  # an end, or as narrow as it looked
+            seen[int(way[k])] = narrowest
+    return narrowest
+
+
+def _closer(geometry: Environment, path: Floats, k: int, spacing: float) -> Narrowest:
+    """Return the narrowest place of a path around its point k, on a finer lattice."""
     clearance = np.asarray(geometry.clearance(*path.T))
-    k = int(clearance.argmin())
     # Look closer between places that are clearly wider: else an end, off the middle of the
     # passage, would be the narrowest place.
     wide = np.flatnonzero(clearance > clearance[k] + spacing)
@@ -65,46 +95,70 @@ def widest_way(
     if np.prod(np.ptp(path[ends[0] : ends[1] + 1], axis=0) / spacing + 2 * AROUND) > MOST:
         ends = max(k - AROUND, 0), min(k + AROUND, j)
     some = path[ends[0] : ends[1] + 1]
-    first, last = some[0], some[-1]
     reach = (AROUND + 1) * spacing
     (xmin, ymin), (xmax, ymax) = some.min(axis=0) - reach, some.max(axis=0) + reach
-    near = _path(geometry, first, last, (xmin, ymin, xmax, ymax), spacing / FINER)
-    path = path if near is None else near
-    clearance = np.asarray(geometry.clearance(*path.T))
+    box = xmin, ymin, xmax, ymax
+    fine = _Lattice.within(geometry, some[0], some[-1], box, spacing / FINER)
+    way = fine.way(fine.clearance)
+    if way is not None:
+        some = fine.points[way]
+    clearance = np.asarray(geometry.clearance(*some.T))
     k = int(clearance.argmin())
-    return Narrowest(float(path[k, 0]), float(path[k, 1]), 2.0 * float(clearance[k]))
+    return Narrowest(float(some[k, 0]), float(some[k, 1]), 2.0 * float(clearance[k]))
 
 
-def _path(
-    geometry: Environment,
-    start: Floats,
-    goal: Floats,
-    box: tuple[float, float, float, float],
-    spacing: float,
-) -> Floats | None:
-    """Return the points of the widest way within a box, (N, 2), ends included; None if none."""
-    xmin, ymin, xmax, ymax = box
-    x, y = np.meshgrid(np.arange(xmin, xmax, spacing), np.arange(ymin, ymax, spacing))
-    number = np.full(x.shape, -1)
-    free = np.asarray(geometry.is_free(x, y))
-    number[free] = np.arange(free.sum())
-    points = np.concatenate([np.column_stack([x[free], y[free]]), [start, goal]])
-    a, b = (np.concatenate(ends) for ends in zip(*_neighbours(number), strict=True))
-    count = len(points)
-    for end in (count - 2, count - 1):
-        away = np.hypot(*(points[:-2] - points[end]).T)
-        near = np.flatnonzero(away <= 2.0 * spacing)
-        a, b = np.append(a, near), np.append(b, np.full(len(near), end))
-    clearance = np.asarray(geometry.clearance(*points.T))
-    joined = np.hypot(*(points[a] - points[b]).T) <= clearance[a] + clearance[b]
-    a, b = a[joined], b[joined]
-    # The tree of least weight holds, between any two nodes, the path whose worst edge is best.
-    narrow = 1.0 / np.minimum(clearance[a], clearance[b]).clip(1e-9)
-    tree = minimum_spanning_tree(coo_array((narrow, (a, b)), shape=(count, count)).tocsr())
-    _, before = breadth_first_order(tree, count - 2, directed=False)
-    if before[count - 1] < 0:
-        return None
-    return np.asarray(points[walk_back(before, count - 2, count - 1)])
+class _Lattice(NamedTuple):
+    """Free points of a lattice, start and goal the last of them, and pairs that a way joins.
+
+    Attributes:
+        points: Metres, (N, 2).
+        clearance: Distance to the nearest wall, metres, (N,).
+        a: First points of the pairs.
+        b: Second points.
+    """
+
+    points: Floats
+    clearance: Floats
+    a: Ints
+    b: Ints
+
+    @classmethod
+    def within(
+        cls,
+        geometry: Environment,
+        start: Floats,
+        goal: Floats,
+        box: tuple[float, float, float, float],
+        spacing: float,
+    ) -> _Lattice:
+        """Return the lattice within a box."""
+        xmin, ymin, xmax, ymax = box
+        x, y = np.meshgrid(np.arange(xmin, xmax, spacing), np.arange(ymin, ymax, spacing))
+        number = np.full(x.shape, -1)
+        free = np.asarray(geometry.is_free(x, y))
+        number[free] = np.arange(free.sum())
+        points = np.concatenate([np.column_stack([x[free], y[free]]), [start, goal]])
+        a, b = (np.concatenate(ends) for ends in zip(*_neighbours(number), strict=True))
+        count = len(points)
+        for end in (count - 2, count - 1):
+            away = np.hypot(*(points[:-2] - points[end]).T)
+            near = np.flatnonzero(away <= 2.0 * spacing)
+            a, b = np.append(a, near), np.append(b, np.full(len(near), end))
+        clearance = np.asarray(geometry.clearance(*points.T), dtype=np.float64)
+        joined = np.hypot(*(points[a] - points[b]).T) <= clearance[a] + clearance[b]
+        return cls(points, clearance, a[joined], b[joined])
+
+    def way(self, wide: Floats) -> Ints | None:
+        """Return the points of the way whose narrowest one is widest, (M,); None: there is none."""
+        count = len(self.points)
+        # The tree of least weight holds, between any two nodes, the path whose worst edge is best.
+        narrow = 1.0 / np.minimum(wide[self.a], wide[self.b]).clip(1e-9)
+        graph = coo_array((narrow, (self.a, self.b)), shape=(count, count)).tocsr()
+        tree = minimum_spanning_tree(graph)
+        _, before = breadth_first_order(tree, count - 2, directed=False)
+        if before[count - 1] < 0:
+            return None
+        return np.asarray(walk_back(before, count - 2, count - 1), dtype=np.int64)
 
 
 def _neighbours(number: Ints) -> list[tuple[Ints, Ints]]:
