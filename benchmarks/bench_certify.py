@@ -21,7 +21,7 @@ import ambinav as an
 from ambinav_planners import RoutePlanner, certify
 
 APERTURES = {"all around": 2.0 * math.pi, "ahead": math.pi}
-CELLS = (10_000, 100_000)
+CELLS = (10_000, 50_000)
 
 
 def main() -> None:

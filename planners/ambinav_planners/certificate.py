@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # it needs OMPL
     from ambinav_planners.flight import FlightPlanner
 
 GAP = 0.005
-MOST_CELLS = 100_000
+MOST_CELLS = 50_000
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ambinav.runtime.array_types import Bools, Floats, Indices
 Place = tuple[float, ...]
 
 # Iterations on the finer grids, one number a round: after each, fewer cells are left.
-ROUNDS = (20, 40)
+ROUNDS = (20, 40, 80)
 # Share of the bound that is given up for rounding.
 ROUNDING = 1e-6
 # Ranges of values that are flattened apart.
