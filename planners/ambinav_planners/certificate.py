@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
-from ambinav.config import as_number
+from ambinav.config import as_number, check_kind
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.service.volume_service import VolumeService
@@ -92,6 +92,7 @@ def certify(
         InputError: the route's cost is of another layer, or it touches a wall; or a number is out
             of its range.
     """
+    check_kind(route, (Route, FlightRoute), "route", "give one that a planner or a file gave")
     if not 0.0 < as_number(gap, "gap") < 1.0:
         raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
     if not as_number(cells, "cells") > 0:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import check_kind
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
@@ -98,6 +99,12 @@ class RoutePlanner:
         one_way: OneWayLanes | None = None,
         route_graph: RouteGraph | None = None,
     ) -> None:
+        for name, value, kind in (
+            ("belief", belief, BeliefModel), ("odometry", odometry, OdometryNoise),
+            ("one_way", one_way, OneWayLanes), ("route_graph", route_graph, RouteGraph),
+        ):  # fmt: skip
+            if value is not None:
+                check_kind(value, kind, name, f"give a {kind.__name__}")
         self.belief = BeliefModel() if belief is None else belief
         self.odometry = OdometryNoise() if odometry is None else odometry
         self.service = (

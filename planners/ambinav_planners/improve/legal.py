@@ -1,15 +1,15 @@
 """Improvement of a route that keeps to one-way lanes.
 
 `improve` knows no lanes. Where its result goes against one, the halves of the route are improved on
-their own, and theirs; then vertices are moved one by one to the best place around them, from
-decimetres to millimetres, as long as no motion goes against a lane.
+their own, and theirs; then vertices are moved to the best place around them, from decimetres to
+millimetres, as long as no motion goes against a lane.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ambinav.runtime.array_types import Floats
+from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav_planners.improve.route import improve
 from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.problem import Problem
@@ -55,7 +55,7 @@ def _improved_parts(poses: Floats, problem: Problem, lanes: OneWayLanes) -> Floa
 
 
 class _Vertices:
-    """Moves vertices of a route one by one."""
+    """Moves vertices of a route, every other one at a time."""
 
     def __init__(self, problem: Problem, lanes: OneWayLanes) -> None:
         self._problem, self._lanes = problem, lanes
@@ -64,29 +64,33 @@ class _Vertices:
         """Move all vertices until no move gains, with shorter and shorter moves."""
         route, _, _ = self._problem.steering.dense(route, SPACING)
         for reach in REACHES:
-            for _ in range(ROUNDS):
-                moved = False
-                for k in range(len(route) - 2, 0, -1):
-                    place = self._best(route[k - 1 : k + 2], reach)
-                    if place is None:
-                        route = np.delete(route, k, axis=0)
-                    elif (place != route[k]).any():
-                        route[k], moved = place, True
-                if not moved:
+            # Where neither a vertex nor one beside it has moved, there is nothing to try again.
+            stale = np.ones(len(route), dtype=np.bool_)
+            for turn in range(2 * ROUNDS):
+                inner = np.arange(1 + turn % 2, len(route) - 1, 2)
+                some = inner[stale[inner]]
+                if len(some):
+                    places, needless = self._best(route, some, reach)
+                    moved = some[needless | (places != route[some]).any(axis=1)]
+                    route[some], stale[some] = places, False
+                    stale[np.concatenate([moved - 1, moved, moved + 1])] = True
+                    route = np.delete(route, some[needless], axis=0)
+                    stale = np.delete(stale, some[needless])
+                if not stale[1:-1].any():
                     break
         return route
 
-    def _best(self, three: Floats, reach: float) -> Floats | None:
-        """Return the best place around the middle one of three poses; None: without it."""
-        before, now, after = three
-        places = np.concatenate([now[np.newaxis], now + reach * _AROUND])
-        ends = [np.broadcast_to(end, places.shape) for end in (before, after)]
-        costs = self._costs(ends[0], places) + self._costs(places, ends[1])
-        best = int(np.argmin(costs))
-        if not costs[best] < costs[0] * (1.0 - ENOUGH):
-            best = 0
-        straight = self._costs(three[:1], three[2:])[0]
-        return None if straight <= costs[best] * (1.0 + ENOUGH) else places[best]
+    def _best(self, route: Floats, some: Indices, reach: float) -> tuple[Floats, Bools]:
+        """Return the best places around some vertices, (K, 3), and which are not needed, (K,)."""
+        count = len(_AROUND) + 1
+        places = route[some, np.newaxis] + reach * np.concatenate([np.zeros((1, 3)), _AROUND])
+        flat = places.reshape(-1, 3)
+        before, after = (np.repeat(route[some + side], count, axis=0) for side in (-1, 1))
+        costs = (self._costs(before, flat) + self._costs(flat, after)).reshape(-1, count)
+        best, each = costs.argmin(axis=1), np.arange(len(some))
+        best[~(costs[each, best] < costs[:, 0] * (1.0 - ENOUGH))] = 0
+        straight = self._costs(route[some - 1], route[some + 1])
+        return places[each, best], straight <= costs[each, best] * (1.0 + ENOUGH)
 
     def _costs(self, a: Floats, b: Floats) -> Floats:
         """Return the costs of motions from poses a to b, inf where they must not be made."""
