@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -201,15 +202,26 @@ def check_labels(amap: AmbiguityMap, error: NoPathError) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"one_way": 1}, "one_way is 1; give a OneWayLanes"),
+        ({"route_graph": "g.json"}, "route_graph is 'g.json'; give a RouteGraph"),
+        ({"belief": 1}, "belief is 1; give a BeliefModel"),
+        ({"odometry": "poor"}, "odometry is 'poor'; give a OdometryNoise"),
+    ],
+)
+def test_arguments_of_another_kind(demo: AmbiguityService, options: Any, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        RoutePlanner(demo, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"weight": -1.0}, "weight is -1.0; give a number of at least 0"),
         ({"weight": math.nan}, "weight is nan"),
         ({"max_bad_metres": 0.0}, "max_bad_metres is 0.0; give a number above 0"),
         ({"max_bad_metres": math.nan}, "max_bad_metres is nan"),
         ({"max_bad_metres": "far"}, "max_bad_metres is 'far'; give a finite number"),
         ({"planner": 3}, "planner is 3; give one of"),
-        ({"one_way": 1}, "one_way is 1; give a OneWayLanes"),
-        ({"route_graph": "g.json"}, "route_graph is 'g.json'; give a RouteGraph"),
-        ({"belief": 1}, "belief is 1; give a BeliefModel"),
         ({"keep_out": "zones.geojson"}, "keep_out is 'zones.geojson'; give a shapely geometry"),
         ({"keep_out": shapely.box(900, 0, 901, 1)}, "keep_out: all of it lies beside the map"),
         ({"max_bad_metres": 1.0, "bad_level": -1.0}, "bad_level is -1.0"),
