@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ambinav.studies.diff.document import Document
 
 AS_MADE = {"spacing": "--spacing", "radius": "--ambiguity-radius", "headings": "--headings"}
-"""What a building takes from the map that it is compared with."""
+"""Settings that a building takes from the map that it is compared with."""
 
 _MAP = "An ambiguity map, a folder or a URL, or with --scanner a building."
 

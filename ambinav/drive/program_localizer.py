@@ -54,7 +54,7 @@ CELL: Final = 0.05
 GRACE: Final = 2.0
 """Seconds that a program has to end by itself."""
 BESIDE: Final = 1.0
-"""What a number for no echo is above the largest range, and one for too near below 0, metres."""
+"""Metres by which a number for no echo is above the largest range, and one for too near below 0."""
 SYMMETRIC: Final = 1e-6
 """Elements of a covariance may be off by this share of the largest one."""
 

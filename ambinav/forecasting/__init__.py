@@ -1,1 +1,1 @@
-"""How far off, and how likely lost, a robot will be on a route."""
+"""Forecasts of a robot's error on a route, and of the probability that it gets lost."""

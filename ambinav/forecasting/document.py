@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 LOCALIZER: Final = "product"
 ODOMETRY: Final = "mediocre"
-"""What a forecast is of if nothing else is asked for."""
+"""Odometry of a forecast if none is asked for."""
 
 
 def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from ambinav.runtime.kernels import kernel
 
 
 class RouteScans(NamedTuple):
-    """What all runs along a route have in common.
+    """Arrays that all runs along a route share.
 
     Attributes:
         poses: True poses, shape (n, 3), metres and radians, map frame.
@@ -53,7 +53,7 @@ class RouteScans(NamedTuple):
 
 
 class QuickTables(NamedTuple):
-    """What scans are weighed with where a filter's model allows it: one of the two.
+    """Tables that scans are weighed with where a filter's model allows it: one of the two.
 
     Attributes:
         table: For likelihood fields, see there.

@@ -152,7 +152,7 @@ class InformationField:
 
     @property
     def fields(self) -> tuple[Ints32, Floats32]:
-        """What `information_at` reads."""
+        """Arrays that `information_at` reads."""
         return self.nearest, self.entries
 
     @property

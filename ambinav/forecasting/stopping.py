@@ -31,7 +31,7 @@ HALVINGS: Final = 60
 
 @dataclass(frozen=True, kw_only=True)
 class StoppingRule:
-    """What must be known of a share before the runs may stop.
+    """Precision to which a share must be known before the runs may stop.
 
     Attributes:
         threshold: The interval must lie wholly below or above this share; None: it need not.

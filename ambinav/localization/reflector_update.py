@@ -51,7 +51,7 @@ WIDER: Final = 1.1
 LEAST: Final = 0.3
 """and if its beams cover at least this share of it."""
 PASSES: Final = 3
-"""How often matches are looked for, each time from a better pose."""
+"""Number of times that matches are looked for, each time from a better pose."""
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What is expected of a reflector in a scan from a pose, and how it changes with the pose.
+"""Expectation of a reflector in a scan from a pose, and its change with the pose.
 
 From a pose a reflector of any shape covers the angles between two of its corners. A scan shows the
 mean of the ranges over that angle, and the direction halfway, so both are computed from the

@@ -21,7 +21,7 @@ from ambinav.service.service import AmbiguityService
 PER_CELL = 4
 """Samples of the zone in the length of one cell."""
 JOINT = 1e-6
-"""How far apart the ends of joined routes may be, metres and radians."""
+"""Largest distances between the ends of joined routes, metres and radians."""
 
 
 def evaluate_route(

@@ -18,7 +18,7 @@ STAMP: Final = ("stamp",)
 COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 """Further columns of a route with predicted covariances: the upper triangle."""
 IN_SPACE: Final = "it is a route through space; give one of a robot on the floor."
-"""What is wrong with a flight."""
+"""Fault of a flight where a route is needed."""
 
 Line = tuple[int, list[str]]
 """The number of a line, and its cells."""

@@ -19,7 +19,7 @@ from ambinav.runtime.files import writable_parent
 
 LOCK: Final = "lock"
 NO_LOCKS: Final = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-"""What file systems without locks answer."""
+"""Answers of file systems without locks."""
 """Name of the file that a run holds."""
 WORK: Final = "work"
 """Folder of what is kept to go on after a break."""

@@ -11,7 +11,7 @@ TaskIn = TypeVar("TaskIn")
 DoneIn = TypeVar("DoneIn", contravariant=True)
 
 Work = Callable[[Task], Done]
-"""What a worker does with a task. It can be pickled, and is sent to each worker once."""
+"""Work of a worker on a task. It can be pickled, and is sent to each worker once."""
 
 
 class WorkQueue(Protocol[TaskIn, DoneIn]):

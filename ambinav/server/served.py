@@ -33,7 +33,7 @@ MARK: Final = "--"
 """In the name of an edited map, between the original's name and its own; `slug` makes no such."""
 
 REASONS: Final = (None, "outside", "wall", "unknown")
-"""Why there is no value at a pose, by the codes of `ServedMap.why`."""
+"""Reasons why there is no value at a pose, by the codes of `ServedMap.why`."""
 OUTSIDE, WALL, UNKNOWN = 1, 2, 3
 
 

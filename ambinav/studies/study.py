@@ -34,7 +34,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Content:
-    """What the documents of a result say.
+    """Content of the documents of a result.
 
     Attributes:
         report: The figures, as the JSON document holds them.

@@ -1,4 +1,4 @@
-"""Where episodes are driven: our batched simulation, or an environment that somebody wrapped."""
+"""Arenas of episodes: our batched simulation, or an environment that somebody wrapped."""
 
 from __future__ import annotations
 

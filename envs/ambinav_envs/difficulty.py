@@ -43,7 +43,7 @@ LEVELS: Final[tuple[Mapping[str, Any], ...]] = (
         "actuation_std": 0.1,
     },
 )
-"""What each `NavigationParameters.difficulty` sets where the argument itself is not given.
+"""Settings of each `NavigationParameters.difficulty` where the argument itself is not given.
 
 0 is the world as mapped. 3 has the clutter, people and odometry of the leaderboard's disturbed
 settings. Where the values are from: docs/environments.md, "Difficulty".

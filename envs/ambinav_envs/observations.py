@@ -41,7 +41,7 @@ class SizeParameters(Protocol):
 
     @property
     def hypotheses(self) -> int:
-        """How many hypotheses of the localizer there are."""
+        """Number of hypotheses of the localizer."""
 
 
 @dataclass(frozen=True, kw_only=True)

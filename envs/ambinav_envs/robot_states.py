@@ -9,7 +9,7 @@ from ambinav.runtime.array_types import Bools, Floats
 
 
 class EpisodeEnd(IntEnum):
-    """How an episode ended, by its number in arrays; the same as `layout.OUTCOMES`."""
+    """End of an episode, by its number in arrays; the same as `layout.OUTCOMES`."""
 
     RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
 

@@ -24,7 +24,7 @@ ID: Final = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 
 
 class DrawContext(NamedTuple):
-    """What `TaskSpec.draw` gets.
+    """Argument of `TaskSpec.draw`.
 
     Attributes:
         environment: The building, in the map frame, metres.

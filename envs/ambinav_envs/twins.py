@@ -11,7 +11,7 @@ NO_MAP: Final[dict[str, Any]] = {"ambiguity_seen": False}
 """Nothing in the observation is read from the ambiguity map, see `NavigationParameters`."""
 
 TWINS: Final[Mapping[str, Mapping[str, Any]]] = {"TruePose": TRUE_POSE, "NoMap": NO_MAP}
-"""What an id's name gets before its version, and the arguments that its twin has beside its own.
+"""Text before the version in a twin's id, and the arguments that it has beside its own.
 
 Spaces, reward, buildings and the episodes of a seed stay as they are, so that what a policy scores
 in both is compared episode by episode. POPGym Arcade and POBAX pair tasks with and without the

@@ -229,7 +229,7 @@ class FlightPlanner:
 
     @property
     def _smaller(self) -> str:
-        """What makes the robot fit."""
+        """Remedy for a robot that does not fit."""
         return "a smaller robot" if self.checker.half_height else "a smaller radius"
 
 

@@ -37,7 +37,7 @@ GAP: Final = 1.01
 
 @dataclass(frozen=True)
 class ReflectorRules:
-    """What a robot that navigates by reflectors needs.
+    """Needs of a robot that navigates by reflectors.
 
     Attributes:
         needed: Reflectors that it must see at a time.

@@ -18,11 +18,19 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import problems
 from ambinav.server.access import Access
 from ambinav.server.guard import Guard
-from ambinav.server.http import audits as auditing
-from ambinav.server.http import docs, layers, openapi, poses, probes, sessions, shapes
-from ambinav.server.http import edits as editing
-from ambinav.server.http import plans as planning
-from ambinav.server.http import view as looking
+from ambinav.server.http import (
+    audits,
+    docs,
+    edits,
+    layers,
+    openapi,
+    plans,
+    poses,
+    probes,
+    sessions,
+    shapes,
+    view,
+)  # fmt: skip
 from ambinav.server.http.context import Context
 from ambinav.server.http.poses import InvalidBodyError
 from ambinav.server.jobs.scratch import remove_left
@@ -88,9 +96,9 @@ def create_app(
         await context.resume()
         keeping = asyncio.create_task(asyncio.to_thread(tend))
         first: list[Step] = [
-            partial(context.once, amap, "worst", looking.worst_places) for amap in served
+            partial(context.once, amap, "worst", view.worst_places) for amap in served
         ]
-        first += [partial(context.in_thread, looking.first_values, amap) for amap in served]
+        first += [partial(context.in_thread, view.first_values, amap) for amap in served]
         ahead = asyncio.create_task(context.prepare(first, processes=processes))
         try:
             yield
@@ -118,15 +126,15 @@ def create_app(
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
     for router in (
         probes.router,
-        looking.router,
+        view.router,
         poses.router,
         shapes.router,
         layers.router,
-        planning.router,
-        planning.kept,
-        editing.router,
+        plans.router,
+        plans.kept,
+        edits.router,
         sessions.router,
-        auditing.router,
+        audits.router,
         docs.router,
     ):
         app.include_router(router)

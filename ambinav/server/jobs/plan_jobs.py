@@ -68,9 +68,9 @@ class PlanPool:
     """
 
     work: Callable[[Connection], None] = staticmethod(plans)
-    """What a process does."""
+    """Work of a process."""
     what = "plan"
-    """What messages call a task."""
+    """Name of a task in messages."""
     remedy = "ask for a shorter one"
     """For a task that takes too long."""
 

@@ -1,4 +1,4 @@
-"""Why a place is ambiguous, in its geometry: walls along which the scan stays the same, or none."""
+"""Causes of a place's ambiguity: walls along which the scan stays the same, or none in range."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SeenWall:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a place is ambiguous.
+    """Cause of a place's ambiguity.
 
     Attributes:
         walls: Walls along the weak direction, at most one on either side; none where no direction

@@ -140,7 +140,7 @@ class SeenWallPart(Part):
 
 
 class CausePart(Part):
-    """Why a place is ambiguous."""
+    """Cause of a place's ambiguity."""
 
     sentence: str
     walls: tuple[SeenWallPart, ...] = Field(

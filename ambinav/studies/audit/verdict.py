@@ -21,7 +21,7 @@ CHOICE: Final = (
     "The advice is the change with the least effort of those that remove at least "
     f"{100 * AS_GOOD:.0f} % as much as the best one."
 )
-"""How the advice follows from what was tried, for readers."""
+"""Explanation, for readers, of how the advice follows from what was tried."""
 
 
 @dataclass(frozen=True, eq=False)

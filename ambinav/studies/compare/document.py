@@ -140,7 +140,7 @@ class PlanPart(ConfigModel):
     unexplored_m: float
     file: str
     differs: str = ""
-    """How a policy's scanner and robot differ from those that it was trained with."""
+    """Differences of a policy's scanner and robot from those that it was trained with."""
 
 
 class LocalizerPart(ConfigModel):

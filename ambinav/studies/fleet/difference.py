@@ -26,7 +26,7 @@ NOTHING: Final = (
     "because a site that was judged in A failed or has no judged floor in B, or no site has "
     "figures in both; see the table, and check that names and scanners are the same"
 )
-"""Why there is no change of bad floor."""
+"""Reason why there is no change of bad floor."""
 
 
 class SiteChange(Part):

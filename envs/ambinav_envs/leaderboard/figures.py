@@ -95,7 +95,7 @@ TASK_FIGURES: Final = (
     ),
     EpisodeFigure("return", "return", "", lambda e: mean_parts(e.reward), digits=2),
 )
-"""What makes numbers of other papers comparable: `Episodes.spl`, how an episode ends for the
+"""Figures that make numbers of other papers comparable: `Episodes.spl`, how an episode ends for the
 localizer, the seconds lost of all episodes together by those of all of them, and the undiscounted
 sum of the rewards (see `returns`)."""
 ALL_FIGURES: Final = FIGURES + TASK_FIGURES

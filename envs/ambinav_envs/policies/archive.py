@@ -22,8 +22,8 @@ DATE: Final = (1980, 1, 1, 0, 0, 0)
 UNREADABLE: Final = (
     OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,
 )  # fmt: skip
-"""What reading a damaged zip file may raise; RuntimeError: a bit says that it is encrypted, or
-packed in an unknown way."""
+"""Errors that reading a damaged zip file may raise; RuntimeError: a bit says that it is encrypted,
+or packed in an unknown way."""
 
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _END = 22

@@ -23,7 +23,7 @@ LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
 """Names of the localizers, by code."""
 
 DECLARATIONS = ("arrived", "lost")
-"""What a robot may declare; by number, from 1 on."""
+"""Declarations of a robot by number, from 1 on."""
 DECLARED_ARRIVED, DECLARED_LOST = 1, 2
 # The numbers of an action before its declarations: speed and turn rate.
 MOTIONS = 2

@@ -19,7 +19,7 @@ SPACING = 1.0
 REACHES = (0.5, 0.2, 0.08, 0.03, 0.01, 0.003)
 """Metres by which a vertex is moved at a time."""
 ROUNDS = 20
-"""How often all vertices are moved by each of them at most."""
+"""Most rounds in which all vertices are moved by each of them."""
 ENOUGH = 1e-6
 """Gains below this share of the cost are none."""
 

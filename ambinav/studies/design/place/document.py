@@ -112,7 +112,7 @@ class CoveragePart(Part):
 
 
 class AgedPart(Part):
-    """What the obstacles take away in aged buildings: walls displaced, furniture moved."""
+    """Bad floor that obstacles remove in aged buildings: walls displaced, furniture moved."""
 
     buildings: int
     wall_std_m: float = Field(description="standard deviation by which walls are displaced")

@@ -1,4 +1,4 @@
-"""What documents on obstacles and reflectors share: head, kind and position of each, GeoJSON."""
+"""Parts that documents on obstacles and reflectors share: head, positions, GeoJSON."""
 
 from __future__ import annotations
 

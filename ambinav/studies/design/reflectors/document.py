@@ -42,7 +42,7 @@ class ReflectorPart(PlacedPart):
 
 
 class NeedsPart(Part):
-    """What the robot needs."""
+    """Needs of the robot."""
 
     needed: int = Field(description="reflectors in view at a time")
     max_range_m: float | None = Field(description="null: the range of the sensor")

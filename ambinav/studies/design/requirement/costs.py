@@ -1,4 +1,4 @@
-"""What changes cost, as the user's file says: there are no default values."""
+"""Costs of changes, from the user's file: there are no default values."""
 
 from __future__ import annotations
 
