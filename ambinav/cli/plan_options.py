@@ -139,14 +139,14 @@ class CostOptions:
             self.outside_weight is not None and self.prefer is None,
             "is for --prefer",
         )
+        not_negative(self.outside_weight, "--outside-weight", "1", "a number")
+        not_negative(self.weight, "--weight", "5", "a number")
+        above_zero(self.comfort, "--comfort", "0.5")
         conflict(
             "--comfort",
             self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
             "is for --clearance-weight",
         )
-        not_negative(self.outside_weight, "--outside-weight", "1", "a number")
-        not_negative(self.weight, "--weight", "5", "a number")
-        above_zero(self.comfort, "--comfort", "0.5")
         not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
     @property
