@@ -213,7 +213,7 @@ class RobotOptions:
         Raises:
             InputError: there is one.
         """
-        above_zero(self.robot_radius, "--robot-radius", "0.2")
+        not_negative(self.robot_radius, "--robot-radius", "0.2", "metres")
         if self.space in CURVES:
             above_zero(self.turning_radius, "--turning-radius", "0.5")
         else:

@@ -81,27 +81,27 @@ class JudgedFloor:
 
     @property
     def counted(self) -> Bools:
-        """Bools: explored, in the building, and reachable by the robot's centre."""
+        """Mask: explored, in the building, and reachable by the robot's centre."""
         return self._of(JUDGED)
 
     @property
     def unexplored(self) -> Bools:
-        """Bools: reached, but half of the beams or more end in unknown space within the map."""
+        """Mask: reached, but half of the beams or more end in unknown space within the map."""
         return self._of(UNEXPLORED_FLOOR)
 
     @property
     def beside_walls(self) -> Bools:
-        """Bools: nearer to a wall than the robot's radius, where its centre cannot be."""
+        """Mask: nearer to a wall than the robot's radius, where its centre cannot be."""
         return self._of(TOO_CLOSE)
 
     @property
     def cut_off(self) -> Bools:
-        """Bools: in the building; the robot would fit there, but cannot reach it."""
+        """Mask: in the building; the robot would fit there, but cannot reach it."""
         return self._of(NOT_REACHABLE)
 
     @property
     def outside(self) -> Bools:
-        """Bools: the margin around a building, and floor unexplored because the map ends there."""
+        """Mask: the margin around a building, and floor unexplored because the map ends there."""
         return self._of(OUTSIDE)
 
     @property
@@ -111,7 +111,7 @@ class JudgedFloor:
 
     @property
     def unreachable(self) -> Bools:
-        """Bools: free floor of the building that the robot's centre cannot reach."""
+        """Mask: free floor of the building that the robot's centre cannot reach."""
         return self.beside_walls | self.cut_off
 
     def _of(self, code: int) -> Bools:

@@ -127,7 +127,8 @@ def check_on_map(amap: AmbiguityMap, shapes: Iterable[BaseGeometry], name: str) 
     """
     xmin, ymin, xmax, ymax = amap.bounds
     box = shapely.box(xmin, ymin, xmax, ymax)
-    if not any(shape.intersects(box) for shape in shapes):
+    drawn = [shape for shape in shapes if not shape.is_empty]
+    if drawn and not any(shape.intersects(box) for shape in drawn):
         raise InputError(
             f"{name}: all of it lies beside the map, which covers x from {xmin:.4g} to {xmax:.4g} "
             f"m and y from {ymin:.4g} to {ymax:.4g} m; give metres in the map's frame."

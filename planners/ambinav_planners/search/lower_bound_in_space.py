@@ -125,7 +125,7 @@ def _met(grid: ProofGrid, checker: SphereChecker) -> Bools:
     """Return which open cells hold, or may hold, a place for the robot's centre."""
     index, (y, x, z) = grid.centres()
     edges, size = np.array(grid.edges), inner(checker)
-    parts = np.ceil(2.0 * edges / size - 1e-9).astype(np.int64)
+    parts = np.maximum(np.ceil(2.0 * edges / size - 1e-9), 1.0).astype(np.int64)
     radius = (size - 0.5 * float(np.linalg.norm(edges / parts))) * (1.0 - ROUNDING)
     met = np.empty(len(x), dtype=np.bool_)
     _, _, *rest = checker.arrays

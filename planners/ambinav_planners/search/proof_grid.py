@@ -160,7 +160,7 @@ def prove(
             least = grid.least(bounds[0] + bounds[1])
             near = grid.open_cells & (least <= known * (1.0 + ROUNDING))
             grid = replace(grid, open_cells=near)
-        if 2**near.ndim * np.count_nonzero(grid.open_cells) > cells:
+        if not near.any() or 2**near.ndim * np.count_nonzero(near) > cells:
             break
         grid = grid.halved(carried)
     return min(best, known), grid

@@ -110,7 +110,7 @@ class PlaceRules:
                 f"--bottom: {self.bottom:g} is not below the top of {name}, {height:g} m above its "
                 "floor; give less."
             )
-        if self.top is not None and self.top > height:
+        if self.top is not None and self.top > height + 1e-4:  # files hold float32
             raise InputError(
                 f"--top: {self.top:g} is above the top of {name}, {height:.4g} m above its floor; "
                 "give at most that, or leave it out."
