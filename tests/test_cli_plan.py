@@ -333,7 +333,7 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
         (["--via", "2,1 90,90"], "via[1] (90, 90) is outside of the map"),
         (["--bad-level", "0.3"], "--bad-level is for --max-bad-metres; leave it out"),
         (["--comfort", "0.3"], "--comfort is for --clearance-weight; leave it out"),
-        (["--robot-radius", "-1"], "--robot-radius: -1 is not above zero"),
+        (["--robot-radius", "-1"], "--robot-radius: -1 is not zero or above"),
         (["--iterations", "0"], "--iterations: 0 is too few"),
         (["--seed", "-1"], "--seed: -1 is negative"),
     ],
@@ -343,6 +343,16 @@ def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], messa
     assert result.exit_code == 2
     assert result.stderr.startswith(f"ambinav: error: {message}")
     assert result.stderr.count("\n") == 1
+
+
+def test_a_robot_may_be_a_point(runner: CliRunner, plan_folder: Path) -> None:
+    lengths = []
+    for radius in ("0", "0.2"):
+        words = ("--robot-radius", radius, "--weight", "0", "--json", "-o", "r.csv")
+        result = runner.invoke(app, [*PLAN, *words])
+        assert result.exit_code == 0, result.output
+        lengths.append(json.loads(result.stdout)["routes"]["weight 0"]["length_m"])
+    assert lengths[0] <= lengths[1] + 1e-9
 
 
 @pytest.mark.slow

@@ -10,15 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 from ambinav.cli.checks import check_replaced, check_suffix, conflict
-from ambinav.cli.plan_options import (
-    AUTO,
-    PICTURES,
-    CostOptions,
-    ResultOptions,
-    RobotOptions,
-    SearchOptions,
-)
+from ambinav.cli.plan_options import AUTO, PICTURES, CostOptions, ResultOptions, SearchOptions
 from ambinav.cli.printing import show, table
+from ambinav.cli.robot_options import RobotOptions
 from ambinav.cli.running import above_zero, check_file
 from ambinav.cli.space_options import option
 from ambinav.runtime.errors import InputError

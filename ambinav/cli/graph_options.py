@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.checks import check_suffix, conflict
-from ambinav.cli.plan_options import AUTO, LimitOptions, ResultOptions, RobotOptions, SearchOptions
+from ambinav.cli.plan_options import AUTO, LimitOptions, ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
+from ambinav.cli.robot_options import RobotOptions
 from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.checks import Point, conflict, points_of
-from ambinav.cli.plan_options import Pose, ResultOptions, RobotOptions, SearchOptions
+from ambinav.cli.plan_options import ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
+from ambinav.cli.robot_options import Pose, RobotOptions
 
 if TYPE_CHECKING:
     from ambinav_planners import MissionRoute, RoutePlanner

@@ -14,15 +14,14 @@ from ambinav.cli.graph_options import GraphOptions
 from ambinav.cli.mission_options import MissionOptions
 from ambinav.cli.plan_call import PlanCall
 from ambinav.cli.plan_options import (
-    FLIGHT,
     BeliefOptions,
     CostOptions,
     LimitOptions,
     ResultOptions,
-    RobotOptions,
     SearchOptions,
 )
 from ambinav.cli.promise_options import PromiseOptions
+from ambinav.cli.robot_options import FLIGHT, RobotOptions
 from ambinav.cli.running import note, reporting
 from ambinav.cli.speed_options import SpeedOptions
 

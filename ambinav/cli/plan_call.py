@@ -14,13 +14,12 @@ from ambinav.cli.plan_options import (
     BeliefOptions,
     CostOptions,
     LimitOptions,
-    Pose,
     ResultOptions,
-    RobotOptions,
     SearchOptions,
 )
 from ambinav.cli.planned import LostFigures, draw_no_path, plan_front, show_routes, write_routes
 from ambinav.cli.promise_options import PromiseOptions
+from ambinav.cli.robot_options import Pose, RobotOptions
 from ambinav.cli.speed_options import SpeedOptions
 from ambinav.forecasting.document import ODOMETRY
 from ambinav.runtime.errors import InputError

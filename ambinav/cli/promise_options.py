@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ambinav.cli.checks import conflict
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.plan_options import CostOptions, Pose, ResultOptions, SearchOptions
+from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions
+from ambinav.cli.robot_options import Pose
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:

@@ -28,10 +28,10 @@ def sarif(
 
     Args:
         outcomes: Outcomes of the conditions, in their order.
-        unchecked: Notifications of the run, whose execution then was not successful.
         command: Command on the command line, such as "audit"; rules are named after it.
         map_file: Source of the results: a file, a folder or a URL; relative to the working
             folder if it lies in it.
+        unchecked: Notifications of the run, whose execution then was not successful.
     """
     rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))
     described = {_rule_id(command, outcome.condition): outcome.condition for outcome in outcomes}

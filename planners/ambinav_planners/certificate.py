@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 from ambinav.config import as_number, check_kind
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav.service.service import AmbiguityService
 from ambinav.service.volume_service import VolumeService
 from ambinav_planners.flight_route import FlightRoute
 from ambinav_planners.improve.finishing import is_free
@@ -86,13 +87,17 @@ def certify(
         route: The route, from any planner or file; its weight is taken.
         gap: The proof ends where the gap is below this share.
         cells: The proof ends before a grid with more cells than this; more take longer, and bring
-            the bound nearer.
+            the bound nearer. Of a flight the first grid may have eight times as many.
 
     Raises:
         InputError: the route's cost is of another layer, or it touches a wall; or a number is out
             of its range.
     """
     check_kind(route, (Route, FlightRoute), "route", "give one that a planner or a file gave")
+    wanted = AmbiguityService if isinstance(route, Route) else VolumeService
+    if not isinstance(getattr(robot, "service", None), wanted):
+        name = "RoutePlanner" if isinstance(route, Route) else "FlightPlanner"
+        raise InputError(f"robot is {robot!r}; give the {name} of the route's robot.")
     if not 0.0 < as_number(gap, "gap") < 1.0:
         raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
     if not as_number(cells, "cells") > 0:

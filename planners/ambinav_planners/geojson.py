@@ -27,12 +27,13 @@ class Feature(NamedTuple):
     geometry: Mapping[str, Any]
 
 
-def read_features(path: Path, what: str) -> Iterator[Feature]:
+def read_features(path: Path, what: str, *, frame: bool = True) -> Iterator[Feature]:
     """Yield the features of a FeatureCollection.
 
     Args:
         path: The file.
         what: Names what it should hold.
+        frame: Whether a member `crs` is looked at, see `check_frame`; else it says nothing.
 
     Raises:
         InputError: it cannot be read, or a feature has no geometry.
@@ -51,7 +52,8 @@ def read_features(path: Path, what: str) -> Iterator[Feature]:
         raise InputError(
             f"{path}: features is {shown(features)}; give {what}, a GeoJSON FeatureCollection."
         )
-    check_frame(str(path), document.get("crs"), None, [])
+    if frame:
+        check_frame(str(path), document.get("crs"), None, [])
     for k, feature in enumerate(features):
         label = f"{path}: features[{k}]"
         geometry = feature.get("geometry") if isinstance(feature, dict) else None

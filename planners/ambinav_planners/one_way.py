@@ -21,6 +21,7 @@ from ambinav_planners.search.graph import MotionGraph
 # A motion is against a lane if it goes back by more than this share of its length, for longer than
 # so many metres, and farther within than this from the lane's edge.
 AGAINST, LONGER, EDGE = 1e-6, 1e-6, 1e-4
+_NARROW = f"the lane is nowhere {2.0 * EDGE:g} m wide; draw its whole width, metres."
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +61,7 @@ class OneWayLanes:
         inner[:] = [shapely.buffer(polygon, -EDGE) for polygon in polygons]
         for k, lane in enumerate(inner):
             if lane.is_empty:
-                raise InputError(
-                    f"polygons[{k}] is nowhere {2.0 * EDGE:g} m wide; draw the whole width of the "
-                    "lane, metres."
-                )
+                raise InputError(f"polygons[{k}]: {_NARROW}")
         shapely.prepare(inner)
         return cls(inner, np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
@@ -85,11 +83,6 @@ class OneWayLanes:
             for polygon, angle in _lanes(feature):
                 if not polygon.is_valid or not polygon.area > 0.0:
                     raise InputError(f"{feature.label}: its outline crosses itself or is empty.")
-                if shapely.buffer(polygon, -EDGE).is_empty:
-                    raise InputError(
-                        f"{feature.label}: the lane is nowhere {2.0 * EDGE:g} m wide; draw its "
-                        "whole width, metres."
-                    )
                 polygons.append(polygon)
                 degrees.append(angle)
         if not polygons:
@@ -142,11 +135,16 @@ def _lanes(feature: Feature) -> list[tuple[BaseGeometry, float]]:
         ]
         if not rings or any(len(ring) < 4 for ring in rings):
             raise InputError(f"{label}: a ring has fewer than 4 points; close it.")
-        return [(shapely.Polygon(rings[0], rings[1:]), angle)]
+        polygon = shapely.Polygon(rings[0], rings[1:])
+        if polygon.is_valid and shapely.buffer(polygon, -EDGE).is_empty:
+            raise InputError(f"{label}: {_NARROW}")
+        return [(polygon, angle)]
     if kind == "LineString":
         width = as_number(properties.get("width"), f"{label}: width")
         if not width > 0.0:
             raise InputError(f"{label}: width is {width:g}; give metres above 0.")
+        if width <= 2.0 * EDGE:
+            raise InputError(f"{label}: {_NARROW}")
         points = [point_of(label, point) for point in list_of(label, coordinates)]
         return [
             (
@@ -154,6 +152,6 @@ def _lanes(feature: Feature) -> list[tuple[BaseGeometry, float]]:
                 math.degrees(math.atan2(q[1] - p[1], q[0] - p[0])),
             )
             for p, q in itertools.pairwise(points)
-            if p != q
+            if math.dist(p, q) > 2.0 * EDGE  # of shorter pieces nothing is left within the edges
         ]
     raise InputError(f"{label}: type is {kind!r}; draw lanes as Polygons or LineStrings.")

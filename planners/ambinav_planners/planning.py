@@ -25,7 +25,7 @@ from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.graph_pricing import PricedGraph
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.one_way import OneWayLanes
-from ambinav_planners.problem import Problem, check_on_map, check_pose, make_checker
+from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.registry import PLANNERS, Budget, PlannerResult, check_suits, planner
 from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.limit import BadStretchLimit
@@ -132,12 +132,6 @@ class RoutePlanner:
             self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open,
             keep_out=keep_out,
         )  # fmt: skip
-        for name, shapes in (
-            ("keep_out", None if keep_out is None else [keep_out]),
-            ("one_way", None if one_way is None else one_way.polygons),
-        ):
-            if shapes is not None:
-                check_on_map(self.service.map, shapes, name)
         self.one_way = one_way
         self.priced_graph = (
             None if route_graph is None else PricedGraph.of(route_graph, self.service, self.checker)

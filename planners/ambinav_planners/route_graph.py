@@ -71,7 +71,10 @@ class RouteGraph:
         path = Path(path)
         features = [
             feature
-            for feature in read_features(path, "a route graph of nodes and edges, or of lines")
+            # Nodes are in the frame of Nav2's map, whatever `crs` says.
+            for feature in read_features(
+                path, "a route graph of nodes and edges, or of lines", frame=False
+            )
             if feature.geometry["type"] in ("Point", *LINES)
         ]
         if any(feature.geometry["type"] == "Point" for feature in features):

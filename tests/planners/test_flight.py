@@ -224,6 +224,29 @@ def test_no_motion_costs_less_than_the_bound(robot: FlightPlanner) -> None:
         assert 0.3 * cost < bound <= cost
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("half", [None, 0.06, 0.5])
+def test_a_proof_on_few_cells_proves_less_and_nothing_wrong(
+    robot: FlightPlanner, half: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a sphere, a flat and a tall cylinder; below the hatch only flat ones get through."""
+    ends = (3.0, 2.0, 1.6), (5.0, 2.0, 1.6)
+    body = FlightPlanner(robot.service, room(), 0.15, half)
+    cost = body.service.route_cost(ends)
+    for most in (bounds_module.MOST_BOXES, 1):
+        monkeypatch.setattr(bounds_module, "MOST_BOXES", most)
+        bound, cell = lower_bound_in_space(body.service, body.checker, *ends, 1.5 * cost, 0.01, 500)
+        assert 0.2 * cost < bound <= cost
+        assert cell <= 0.5
+        assert not bounds_module.are_apart(body.service, body.checker, *ends)
+    door = Solid(shapely.box(FENCE[0], 0.0, FENCE[1], 5.0), FENCE[2], 2.4)
+    shut = FlightPlanner(robot.service, room(door), 0.15, half).checker
+    # One cell for each of the volume is too coarse to close a wall of 0.2 m.
+    assert not bounds_module.are_apart(robot.service, shut, *ends)
+    monkeypatch.undo()
+    assert bounds_module.are_apart(robot.service, shut, *ends)
+
+
 def test_what_cannot_be_certified(robot: FlightPlanner, by_length: FlightPlanner) -> None:
     through = flight(robot, [START, GOAL])
     with pytest.raises(InputError, match="cannot fly the route: it touches a surface"):
@@ -234,6 +257,11 @@ def test_what_cannot_be_certified(robot: FlightPlanner, by_length: FlightPlanner
     near = flight(robot, [START, (2.0, 2.0, 0.5)])
     assert certify(by_length, near, cells=1).cost == pytest.approx(near.cost)
     assert certify(robot, flight(robot, [START, START])).gap == 0.0
+    # Less apart than any cell is wide.
+    beside = START[0] + 2e-16, START[1], START[2]
+    assert certify(robot, flight(robot, [beside, START])).bound >= 0.0
+    with pytest.raises(InputError, match=r"robot is None; give the FlightPlanner of the route"):
+        certify(None, near)  # type: ignore[call-overload]
 
 
 def flight(robot: FlightPlanner, points: list[tuple[float, float, float]]) -> FlightRoute:

@@ -26,7 +26,8 @@ COLUMNS: Final = ("site", "building", "date", "scanner", *READING)
 """Columns of a table of sites; the first two are needed."""
 
 _CHOICES: Final = {"unit": tuple(UNITS), "doors": DOORS, "glass": GLASS}
-_PART: Final = re.compile(r"\w(?:[\w.-]*[\w-])?")
+_SEPARATOR: Final = re.compile(r"sep=(.)\s*")
+"""First line by which spreadsheets say what separates cells."""
 _SAFE: Final = re.compile(r"[\w.-]")
 _RESERVED: Final = (".json", ".png")
 
@@ -73,12 +74,28 @@ def read_sites(place: str) -> tuple[Site, ...]:
 
 def safe_name(text: str) -> str:
     """Return a text as the name of a file, on any file system and in addresses."""
-    composed = unicodedata.normalize("NFC", text)
+    composed = _composed(text)
+    return "".join(c if _is_safe(c) else "_" for c in composed).strip(".-") or "_"
+
+
+def _composed(text: str) -> str:
+    return unicodedata.normalize("NFC", text)
+
+
+def _is_safe(character: str) -> bool:
     # Marks that no letter takes up, as in Devanagari, are none of \w.
-    kept = (
-        c if _SAFE.match(c) or unicodedata.category(c) in ("Mn", "Mc") else "_" for c in composed
+    return bool(_SAFE.match(character)) or unicodedata.category(character) in ("Mn", "Mc")
+
+
+def _can_name(part: str) -> bool:
+    """Return whether a part of a site's name can name a file or folder as it is."""
+    return (
+        part != ""
+        and all(map(_is_safe, part))
+        and part[0] not in ".-"
+        and part[-1] != "."
+        and not part.endswith(_RESERVED)
     )
-    return "".join(kept).strip(".-") or "_"
 
 
 def _from_table(address: Address) -> Iterator[Site]:
@@ -89,12 +106,14 @@ def _from_table(address: Address) -> Iterator[Site]:
     try:
         text = content.decode("utf-8-sig")
         # Spreadsheets separate by what their language leaves free.
-        separator = max(",;\t", key=text.partition("\n")[0].count)
-        lines = io.StringIO(text, newline="")
+        first, _, rest = text.partition("\n")
+        told = _SEPARATOR.fullmatch(first)
+        separator = told[1] if told else max(",;\t", key=first.count)
+        lines = io.StringIO(rest if told else text, newline="")
         table = csv.DictReader(lines, strict=True, delimiter=separator)
         columns = [column.strip() for column in table.fieldnames or ()]
         table.fieldnames = columns
-        rows = [(table.line_num, row) for row in table]
+        rows = [(table.line_num + bool(told), row) for row in table]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             f"{address}: this is no CSV in UTF-8 ({error}); save it as such."
@@ -122,9 +141,8 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
     for column in COLUMNS[:2]:
         if not values[column]:
             raise InputError(f"{where}: {column} is empty; give a value.")
-    name = values["site"]
-    parts = name.split("/")
-    if not all(_PART.fullmatch(part) and not part.endswith(_RESERVED) for part in parts):
+    name = _composed(values["site"])
+    if not all(map(_can_name, name.split("/"))):
         raise InputError(
             f"{where}: site {name!r} cannot name a file; use letters, digits and - _ . and /, "
             "without .json or .png at the end."
@@ -137,7 +155,7 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
             )
     if "height" in reading:
         try:
-            reading["height"] = float(reading["height"])
+            reading["height"] = float(reading["height"].replace(",", "."))
         except ValueError:
             raise InputError(
                 f"{where}: height {reading['height']!r} is no number; give metres, e.g. 0.3."

@@ -1,7 +1,7 @@
 """Lower bound of the cost of all paths of a flying robot, proved on grids that become finer.
 
-As `lower_bound`, in three dimensions: where the largest sphere within the body cannot be, no path
-leads, and a metre costs at least what the volume says.
+As `lower_bound`, in three dimensions: where the body cannot be, no path leads, and a metre costs at
+least what the volume says.
 """
 
 from __future__ import annotations
@@ -29,6 +29,11 @@ from ambinav_planners.search.subsolution_in_space import (
 # Iterations of `relax_in_space` on the first grid, as `ROUNDS`.
 FIRST_ROUNDS = (0, 20, 40, 80)
 CARRIED = 0.5
+# The first grid may have so many times more boxes, half as wide, than later ones may have cells;
+# and at most so many are looked at in all, for time and memory.
+FIRST, MOST_BOXES = 64, 10_000_000
+# Parts of a cell along each axis of which one looks whether the body fits.
+MOST_PARTS = 8
 
 
 def lower_bound_in_space(
@@ -49,7 +54,8 @@ def lower_bound_in_space(
         goal: The same.
         known: Cost of a path, metres-equivalent; the bound is at most that.
         gap: Share of `known` below which the bound is good enough.
-        cells: No grid with more open cells than these is begun.
+        cells: No grid with more open cells than these is begun after the first one, which is made
+            coarser where it would have more than eight times as many.
     """
     ends = (goal[1], goal[0], goal[2]), (start[1], start[0], start[2])
 
@@ -57,7 +63,7 @@ def lower_bound_in_space(
         price = _price(grid, service)
         return lambda part, iterations: _bounds(part, price, ends, known, iterations)
 
-    first = _reached(service, checker, ends[1])
+    first = _reached(service, checker, ends[1], cells)
     bound, grid = prove(
         first, lambda grid: grid.open_cells if grid is first else _met(grid, checker), bounds_on,
         ends, known, gap, cells, first=FIRST_ROUNDS, carried=CARRIED,
@@ -67,47 +73,48 @@ def lower_bound_in_space(
 
 def are_apart(service: VolumeService, checker: SphereChecker, start: Place, goal: Place) -> bool:
     """Return whether it is proved that no path leads between two places, x, y, z."""
-    _, fine, pieces = _parts(service, checker)
+    _, fine, pieces = _parts(service, checker, MOST_BOXES)
     first, last = (pieces[fine.cell((y, x, z))] for x, y, z in (start, goal))
     return bool(first != last)
 
 
-def _reached(service: VolumeService, checker: SphereChecker, start: Place) -> ProofGrid:
+def _reached(service: VolumeService, checker: SphereChecker, start: Place, cells: int) -> ProofGrid:
     """Return the first grid, with the cells open that paths from a start, y, x, z, may meet."""
-    grid, fine, pieces = _parts(service, checker)
+    grid, fine, pieces = _parts(service, checker, min(FIRST * cells, MOST_BOXES))
     counts = grid.open_cells.shape
     paired = [n for axis in range(3) for n in (counts[axis], pieces.shape[axis] // counts[axis])]
     reached = (pieces == pieces[fine.cell(start)]).reshape(paired).any(axis=(1, 3, 5))
     return replace(grid, open_cells=reached, kept=np.zeros((2, *(2 * n + 1 for n in counts))))
 
 
-def _parts(service: VolumeService, checker: SphereChecker) -> tuple[ProofGrid, ProofGrid, Ints32]:
+def _parts(
+    service: VolumeService, checker: SphereChecker, most: int
+) -> tuple[ProofGrid, ProofGrid, Ints32]:
     """Return the first grid, a finer one, and the connected pieces of what paths may meet of that.
 
     The cells are parts of those between the points of the volume's lattice, no larger than the
-    body's radius; the finer ones half as large, so that a wall with the body on both sides is
-    thicker.
+    body is from its centre on; the finer ones half as large, so that a wall with the body on both
+    sides is thicker. Where that would be more than `most` finer cells, they are larger, down to the
+    lattice's own, and less is proved.
     """
     volume = service.volume
     axes = [volume.dataset[name].values for name in "yxz"]
-    pitch = volume.spacing, volume.spacing, volume.step
+    pitch = np.array([volume.spacing, volume.spacing, volume.step])
     # Places may be half a cell beside the outermost centres of cells, but between the heights.
-    beside = (1, 1, 0)
-    origin = tuple(
-        float(values[0]) - more * edge
-        for values, more, edge in zip(axes, beside, pitch, strict=True)
-    )
-    parts = [math.ceil(edge / inner(checker) - 1e-9) for edge in pitch]
-    counts = [
-        (len(values) - 1 + 2 * more) * part
-        for values, more, part in zip(axes, beside, parts, strict=True)
-    ]
-    edges = tuple(edge / part for edge, part in zip(pitch, parts, strict=True))
+    beside = np.array([1, 1, 0])
+    whole = np.array([len(values) - 1 for values in axes]) + 2 * beside
+    size = _sizes(checker)
+    while True:
+        parts = np.ceil(pitch / size - 1e-9).astype(np.int64)
+        if 8.0 * math.prod((whole * parts).tolist()) <= most or (parts == 1).all():
+            break
+        size = size * math.cbrt(2.0)
+    origin = np.array([values[0] for values in axes], dtype=np.float64) - beside * pitch
     grid, fine = (
         ProofGrid(
-            origin,
-            tuple(edge / more for edge in edges),
-            np.ones([more * count for count in counts], dtype=np.bool_),
+            tuple(origin.tolist()),
+            tuple((pitch / (parts * more)).tolist()),
+            np.ones(whole * parts * more, dtype=np.bool_),
             np.empty(0),
         )
         for more in (1, 2)
@@ -116,22 +123,35 @@ def _parts(service: VolumeService, checker: SphereChecker) -> tuple[ProofGrid, P
     return grid, fine, pieces
 
 
-def inner(checker: SphereChecker) -> float:
-    """Return the radius of the largest sphere in the body, metres."""
-    return min(checker.radius, checker.half_height or checker.radius)
+def _sizes(checker: SphereChecker) -> Floats:
+    """Return how far the body reaches from its centre along y, x and z, metres."""
+    return np.array([checker.radius, checker.radius, checker.half_height or checker.radius])
 
 
 def _met(grid: ProofGrid, checker: SphereChecker) -> Bools:
-    """Return which open cells hold, or may hold, a place for the robot's centre."""
-    index, (y, x, z) = grid.centres()
-    edges, size = np.array(grid.edges), inner(checker)
-    parts = np.maximum(np.ceil(2.0 * edges / size - 1e-9), 1.0).astype(np.int64)
-    radius = (size - 0.5 * float(np.linalg.norm(edges / parts))) * (1.0 - ROUNDING)
-    met = np.empty(len(x), dtype=np.bool_)
+    """Return which open cells hold, or may hold, a place for the robot's centre.
+
+    A smaller body in the middle of a part of a cell lies within the robot's, wherever in the part
+    that is: so where the smaller one does not fit, the robot does not.
+    """
+    edges = np.array(grid.edges)
+    parts = np.clip(np.ceil(2.0 * edges / _sizes(checker) - 1e-9), 1, MOST_PARTS).astype(np.int64)
+    along, across, up = (0.5 * edges / parts).tolist()
+    if checker.half_height is None:
+        radius, half = checker.radius - math.hypot(along, across, up), 0.0
+    else:
+        radius, half = checker.radius - math.hypot(along, across), checker.half_height - up
+    if radius <= 0.0 or (checker.half_height is not None and half <= 0.0):
+        return grid.open_cells.copy()
+    body = radius * (1.0 - ROUNDING), half * (1.0 - ROUNDING) if checker.half_height else -1.0
     _, _, *rest = checker.arrays
-    run_rows(boxes_met, len(x), y, x, z, edges, parts, radius, (-1.0, *rest), met, least=64)
-    out = np.zeros_like(grid.open_cells)
-    out[index] = met
+    cells = np.flatnonzero(grid.open_cells)
+    out = np.zeros(grid.open_cells.shape, dtype=np.bool_)
+    origin, shape = np.array(grid.origin), np.array(out.shape, dtype=np.int64)
+    run_rows(
+        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *rest), out.reshape(-1),
+        least=64,
+    )  # fmt: skip
     return out
 
 

@@ -282,29 +282,30 @@ def steepness_in_space(cost, price, step, cells, top, bins):
 
 
 @kernel
-def boxes_met(low, high, y, x, z, edges, parts, radius, body, met):
-    """Find which boxes hold, or may hold, the centre of a sphere, for rows low to high - 1.
+def boxes_met(low, high, cells, shape, origin, edges, parts, body, met):
+    """Find which boxes of a grid hold, or may hold, the centre of a body.
 
     Args:
-        low: First row.
-        high: Row after the last one.
-        y: Of the boxes' centres, (N,), metres.
-        x: The same.
-        z: The same.
-        edges: Edges of the boxes along y, x and z, metres.
-        parts: Into how many parts each is divided, along each axis.
-        radius: Radius of a sphere around the centre of a part that would be free, if the robot's
-            were free anywhere in it.
-        body: What `sphere_free` takes behind the radius.
-        met: Filled, bool, (N,).
+        low: First of the boxes that are looked at.
+        high: That after the last one.
+        cells: Flat indices of boxes, (N,).
+        shape: Boxes along y, x and z, (3,).
+        origin: Corner of the first box, (3,), metres.
+        edges: Edges of a box, (3,), metres.
+        parts: Into how many parts each is divided, (3,).
+        body: What `sphere_free` takes behind the ends, of a body that is free in the middle of a
+            part if the robot's is free anywhere in it.
+        met: Filled where a box is looked at, bool, flat.
     """
     for n in range(low, high):
-        met[n] = False
+        cell = cells[n]
+        i, j, k = cell // (shape[1] * shape[2]), cell // shape[2] % shape[1], cell % shape[2]
+        met[cell] = False
         for part in range(parts[0] * parts[1] * parts[2]):
             a, b, c = part % parts[0], part // parts[0] % parts[1], part // (parts[0] * parts[1])
-            v = y[n] + ((a + 0.5) / parts[0] - 0.5) * edges[0]
-            u = x[n] + ((b + 0.5) / parts[1] - 0.5) * edges[1]
-            w = z[n] + ((c + 0.5) / parts[2] - 0.5) * edges[2]
-            if sphere_free(u, v, w, u, v, w, radius, *body):
-                met[n] = True
+            y = origin[0] + (i + (a + 0.5) / parts[0]) * edges[0]
+            x = origin[1] + (j + (b + 0.5) / parts[1]) * edges[1]
+            z = origin[2] + (k + (c + 0.5) / parts[2]) * edges[2]
+            if sphere_free(x, y, z, x, y, z, *body):
+                met[cell] = True
                 break

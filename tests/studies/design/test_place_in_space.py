@@ -200,6 +200,16 @@ def test_an_audit_in_space_gives_the_advice_of_the_plan(folder) -> None:
     assert (reports[0]["lost"] is None) == (reports[1]["lost"] is None)
 
 
+@pytest.mark.parametrize("height", [2.7, 2.6, 3.3])
+def test_obstacles_may_be_as_high_as_the_building_and_no_higher(height: float) -> None:
+    """Of heights that the building holds in float32, below or above what was given."""
+    building = hall().in_space(an.extruded(hall(), height))
+    rules = PlaceRules(radius=0.15, top=height).suited(building)
+    assert rules.top == pytest.approx(height)
+    with pytest.raises(InputError, match=f"--top: {height + 0.01:g} is above"):
+        PlaceRules(radius=0.15, top=height + 0.01).suited(building)
+
+
 def test_heights_in_a_plan_are_refused_in_a_sentence(folder) -> None:
     result = run("design", "place", *ASKED, "--posts", "1", "--top", "1")
     assert result.exit_code == 2

@@ -53,6 +53,8 @@ def test_a_table_gives_files_beside_it_and_options(tmp_path: Path) -> None:
         ("site,building\na,a.wkt\na,a.wkt\n", "2 sites are called 'a'"),
         ("site,building\n../a,a.wkt\n", r"line 2: site '\.\./a' cannot name a file"),
         ("site,building\na.json,a.wkt\n", "cannot name a file"),
+        ("site,building\n.a,a.wkt\n", "cannot name a file"),
+        ("site,building\na//b,a.wkt\n", "cannot name a file"),
         ("site,building\n,a.wkt\n", "line 2: site is empty"),
         ("site,building\na\n", "line 2: it has not 2 values"),
         ("site,building,height\na,a.wkt,low\n", "height 'low' is no number"),
@@ -78,6 +80,15 @@ def test_tables_of_spreadsheets_with_other_separators_are_read(
     text += separator.join(("a", "a,1.wkt", "0.3")) + "\n"
     (site,) = read_sites(table(tmp_path, text))
     assert (site.building, site.reading) == ("a,1.wkt", {"height": 0.3})
+
+
+def test_a_table_says_its_separator_and_has_commas_in_numbers(tmp_path: Path) -> None:
+    (tmp_path / "a.wkt").touch()
+    text = "sep=;\r\nsite;building;height\r\nBu\u0308ro/हिन्दी;a.wkt;0,3\r\n"
+    (site,) = read_sites(table(tmp_path, text))
+    assert (site.name, site.reading) == ("Büro/हिन्दी", {"height": 0.3})
+    with pytest.raises(InputError, match="line 3: height 'low'"):
+        read_sites(table(tmp_path, text.replace("0,3", "low")))
 
 
 def test_names_of_files_keep_their_letters_and_marks(tmp_path: Path) -> None:
