@@ -12,12 +12,11 @@ from typing import Annotated, Final
 import numpy as np
 
 from ambinav.config import NonNegative, Positive, check_fields, integer
-from ambinav.drive.world import ROUNDING
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.geometry.collision.sweep import pose_free
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.footprint import ROUNDING, Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import uniform
 from ambinav.runtime.array_types import Floats, UInts

@@ -7,6 +7,7 @@ import math
 from ambinav.drive.follower import ARRIVED, limited, pursue
 from ambinav.drive.noise import sample_odometry
 from ambinav.geometry.collision.disc_sweep import clear_along
+from ambinav.geometry.footprint import ROUNDING
 from ambinav.localization.odometry import wrapped
 from ambinav.runtime.kernels import kernel
 
@@ -19,8 +20,6 @@ OUTCOMES = ("driving", "reached", "collided", "timed out")
 # in metres, or is shorter than that: the circles of almost straight arcs have no usable centre.
 STRAY = 1e-7
 SHORT = 1e-4
-# The disc may come nearer to a wall than its radius by this many metres: rounding.
-ROUNDING = 1e-9
 BISECTIONS = 40
 
 

@@ -24,6 +24,7 @@ from ambinav.config import as_flat, as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
+from ambinav.geometry.footprint import ROUNDING
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
@@ -274,7 +275,7 @@ class Environment:
         if radius > 0.0:
             place, limit = self.collision, radius * (1 + 1e-6) + 1e-9
             inside = place.triangulation.contains(flat_x, flat_y)
-            inside &= clearances(place.grid, flat_x, flat_y, limit) >= radius
+            inside &= clearances(place.grid, flat_x, flat_y, limit) >= radius - ROUNDING
         else:
             inside = self.triangulation.contains(flat_x, flat_y)
         return inside.reshape(shape) if shape else bool(inside[0])

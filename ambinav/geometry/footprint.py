@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import shapely
@@ -13,6 +14,9 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+
+ROUNDING: Final = 1e-9
+"""How much nearer to a wall a footprint may come than its size, metres; a point stays as far."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.buildings.load import load_environment
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.checker import CollisionChecker, motion_free, pose_free
 from ambinav.geometry.collision.polygon_sweep import SKIN
 from ambinav.geometry.collision.sweep import line_free
@@ -93,6 +94,17 @@ def test_touching_by_exactly_the_radius_is_free() -> None:
     assert not checker.poses_free(a[:1] - nearer).any()
     assert not checker.motions_free(a[2:3], b[2:3] - nearer).any()
     assert not checker.motions_free(a[:1], b[:1] + nearer).any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(radius=st.floats(0.05, 1.0), width=st.floats(3.0, 20.0), x=st.floats(-300.0, 300.0))
+def test_touching_is_free_whatever_was_rounded(radius: float, width: float, x: float) -> None:
+    env = environment_from_shapes([shapely.box(x, 0.0, x + width, 2.5 * width)])
+    checker = CollisionChecker(env, Footprint.disc(radius), Steering())
+    for away, free in ((radius, True), (radius - 1e-6, False)):
+        poses = np.array([[x + away, width, 0.0], [x + width - away, width, 0.0]])
+        assert (checker.poses_free(poses) == free).all()
+        assert (np.asarray(env.is_free(poses[:, 0], poses[:, 1], radius)) == free).all()
 
 
 @pytest.mark.slow

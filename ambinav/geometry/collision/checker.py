@@ -44,8 +44,8 @@ class CollisionChecker:
     covers any part of an occupied cell. Only a simulated world, whose walls are those of rays, is
     checked against the fitted segments.
 
-    - A disc of radius r is free at a clearance of exactly r (as `Environment.is_free`). All its
-      motions are checked exactly; they may come 1e-9 m nearer.
+    - A disc of radius r is free at a clearance of r, to 1e-9 m (as `Environment.is_free`). All its
+      motions are checked exactly, to the same.
     - A polygon that keeps its heading is checked exactly. One that turns as it moves may be called
       blocked within 1 mm of a wall (`polygon_sweep.SKIN`), never free where it is not.
     - In the space r2 the robot turns on the spot between two motions. A pose of a polygon is free

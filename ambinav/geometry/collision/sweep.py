@@ -20,12 +20,9 @@ from ambinav.geometry.collision.obstacles import (
     nearest_gap,
 )
 from ambinav.geometry.collision.polygon_sweep import moved_clear, polygon_clear
+from ambinav.geometry.footprint import ROUNDING
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, curve_pieces
 from ambinav.runtime.kernels import kernel
-
-# A motion may come nearer to a wall than the footprint needs by this many metres: rounding. A
-# footprint without extent stays this far away instead.
-ROUNDING = 1e-9
 
 
 @kernel
@@ -53,7 +50,7 @@ def pose_free(x, y, t, table, bound, forbidden):
     if value - away >= outer:
         return True
     gap = nearest_gap(x, y, outer * (1.0 + 1e-6) + 1e-9, table)
-    if gap >= outer:
+    if gap >= max(outer - ROUNDING, ROUNDING):
         return True
     if table[CORNERS] == 0.0 or table[TURNS] != 0.0 or gap < table[INNER]:
         return False
