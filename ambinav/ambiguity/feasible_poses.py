@@ -12,6 +12,7 @@ import numpy as np
 
 from ambinav.casting.plane.fan import distinct_rows, scan_plan
 from ambinav.casting.space import SpaceCaster, SpaceRays
+from ambinav.geometry.edit_in_space import top_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.runtime.array_types import Bools, Floats
@@ -131,11 +132,21 @@ def standing_lattice(
     possible = standing(lattice, scanner, headings, robot_radius)
     somewhere = np.asarray(possible.any(axis=1))
     if not somewhere.any():
+        env = lattice.environment
         body = f" of radius {robot_radius:g} m" if robot_radius > 0.0 else ""
+        highest = float(scanner.upright[:, 0].max())
+        top = math.inf if env.space is None else top_of(env.space) - env.floor
+        if highest >= top:
+            why = (
+                f"a sensor is {highest:g} m above the floor, and the building ends at {top:g} m; "
+                "mount it lower"
+            )
+        else:
+            why = (
+                "its body or a sensor stands inside a wall; check the mounts (metres), in space "
+                "also their heights, and the robot's radius, or give a smaller spacing"
+            )
         raise InputError(
-            f"at no point of {lattice.environment.name} a robot{body} with scanner "
-            f"{scanner.name!r} fits: its body or a sensor stands inside a wall; check the mounts "
-            "(metres), in space also their heights, and the robot's radius, or give a smaller "
-            "spacing."
+            f"at no point of {env.name} a robot{body} with scanner {scanner.name!r} fits: {why}."
         )
     return lattice.among(somewhere), possible[somewhere]

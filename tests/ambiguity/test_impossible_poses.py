@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from ambinav.ambiguity.feasible_poses import can_stand
+from ambinav.geometry.extrude import extruded
 from ambinav.geometry.motion.steering import Steering
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.build import with_layers
@@ -17,6 +18,7 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.routes.evaluate import zone_codes
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.audit.ambiguous_regions import find_ambiguous_regions
@@ -157,6 +159,21 @@ def test_layers_do_not_read_what_is_impossible(
     other = with_layers(amap, names)
     for name in names:
         np.testing.assert_array_equal(plain.dataset[name], other.dataset[name], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("mount", "message"),
+    [
+        ((0.0, 0.0), "a sensor is 3 m above the floor, and the building ends at 2.5 m; mount it"),
+        ((9.0, 0.0), "its body or a sensor stands inside a wall"),
+    ],
+)
+def test_a_scanner_that_fits_nowhere(mount: tuple[float, float], message: str) -> None:
+    room = scenes.room(2.4, 1.6)
+    height = 3.0 if mount[0] == 0.0 else 1.0
+    scanner = RangeScanner.planar(LASER, 12, 3.0, (*mount, 0.0)).raised(height)
+    with pytest.raises(InputError, match=f"scanner .* fits: {message}"):
+        build_map(room.in_space(extruded(room, 2.5)), scanner, 0.2, headings=8)
 
 
 def test_a_ring_of_sonars_keeps_its_radius_from_walls() -> None:
