@@ -6,11 +6,11 @@ pulls in no optional package.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ambinav.maps import updater
 from ambinav.runtime.exports import exports
+from ambinav.runtime.progress import Progress
 
 if TYPE_CHECKING:
     from ambinav.buildings.load import load_environment as load_environment
@@ -110,7 +110,7 @@ else:
 
 
 def _update(
-    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Progress = False
 ) -> AmbiguityMap:
     # Imported late: it loads the kernels.
     from ambinav.map_building.update import updated

@@ -15,17 +15,10 @@ from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import (
-    Progress,
-    at_least,
-    check_map_output,
-    check_report,
-    note,
-    one_bar,
-    reporting,
-)
+from ambinav.cli.running import at_least, check_map_output, check_report, note, one_bar, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages
 
 if TYPE_CHECKING:
     from ambinav.geometry.collision.reach import Reach
@@ -156,7 +149,7 @@ def _examine(
     reported: ReportOptions,
     output: Path,
     conditions: tuple[Condition, ...],
-    stage: Callable[[str], Progress],
+    stage: Stages,
     draw: Draw,
 ) -> Document:
     """Examine the map and write the report and, if requested, the map."""

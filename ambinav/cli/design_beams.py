@@ -13,7 +13,6 @@ from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, Ro
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import (
-    Progress,
     above_zero,
     at_least,
     check_report,
@@ -22,6 +21,7 @@ from ambinav.cli.running import (
     reporting,
 )
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment

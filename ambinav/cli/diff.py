@@ -13,18 +13,11 @@ from ambinav.cli import options
 from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import (
-    Progress,
-    above_zero,
-    at_least,
-    check_report,
-    note,
-    progress_bars,
-    reporting,
-)
+from ambinav.cli.running import above_zero, at_least, check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import STORE, kind_of_path
+from ambinav.runtime.progress import Progress
 
 if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap

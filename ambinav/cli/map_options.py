@@ -11,8 +11,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import LAYER as BEACONS
-from ambinav.cli.running import Progress, above_zero, not_negative, note
+from ambinav.cli.running import above_zero, not_negative, note
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress
 
 if TYPE_CHECKING:
     from ambinav.cli.space_options import HeightOptions, SpaceOptions

@@ -10,13 +10,14 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO
 
 import typer
 
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Progress, Stages
 
 if TYPE_CHECKING:
     from ambinav.studies.study import Study
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 LARGEST: Final = 1e9
 """No option takes a larger number: squares and counts of it stay finite."""
 
-Progress = Callable[[float], None]
 
 BAD_INPUT = 2
 OUR_FAULT = 1
@@ -109,7 +109,7 @@ class _Notes:
 
 
 @contextlib.contextmanager
-def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
+def progress_bars(quiet: bool) -> Iterator[Stages]:
     """Yield a function that starts a progress bar: text in, callback for the share done out.
 
     Bars are drawn on stderr; where that is no terminal, a line is printed there now and then.
@@ -136,7 +136,7 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
     )
     with progress.Progress(*columns, console=Console(stderr=True)) as bars:
 
-        def start(text: str) -> Callable[[float], None]:
+        def start(text: str) -> Progress:
             task = bars.add_task(text, total=1.0)
             return lambda fraction: bars.update(task, completed=fraction)
 
@@ -144,7 +144,7 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
 
 
 @contextlib.contextmanager
-def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str], Progress]]:
+def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Stages]:
     """Yield a function that starts a stage of one progress bar.
 
     Given the stage's name, it returns a callback that takes its completed fraction; stages may

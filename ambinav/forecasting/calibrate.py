@@ -10,7 +10,7 @@ does from run to run leaves at most the ceiling.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
 from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav.runtime.threads import share
 
 FOLDS = 5
@@ -86,7 +87,7 @@ def calibrate(
     *,
     start_std: ArrayLike,
     folds: int = FOLDS,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
 ) -> Calibration:
     """Fit a class of localizers to drives, and score it on buildings left out.
 
@@ -125,8 +126,7 @@ def calibrate(
         out = part == fold
         left = [route for route, o in zip(routes, out, strict=True) if o]
         left_out[out] = fitted.calibrated(raw_shares(fitted, left, start))
-        if progress is not None:
-            progress((fold + 1) / (folds + 1))
+        progress((fold + 1) / (folds + 1))
     fitted = _fitted(localizer, routes, start)
     runs = np.array([route.runs for route in routes])
     return Calibration(

@@ -22,18 +22,12 @@ from ambinav.forecasting.calibrate import FOLDS, Calibration, DrivenRoute, calib
 from ambinav.forecasting.forecast import START_STD
 from ambinav.forecasting.kept_drives import KeptDrives
 from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
-from ambinav.forecasting.study_drives import (
-    RATE,
-    Driver,
-    Report,
-    StudySettings,
-    fair_routes,
-    rng_of,
-)
+from ambinav.forecasting.study_drives import RATE, Driver, StudySettings, fair_routes, rng_of
 from ambinav.geometry.environment import Environment
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.store.map_store import MapStore
 from ambinav.version import __version__
 
@@ -111,7 +105,7 @@ def study_localizer(
     *,
     kept: KeptDrives | None = None,
     store: bool | MapStore = True,
-    progress: Report | None = None,
+    progress: Progress = silent,
 ) -> StudiedRoutes:
     """Drive a localizer along sampled routes and fit its class to the outcomes.
 
@@ -140,7 +134,6 @@ def study_localizer(
         note = driver.localizer(scanner, OdometryNoise()).note(scanner)
         if note is not None:
             warnings.warn(f"{called}: {note}", InputWarning, stacklevel=2)
-    report = progress or (lambda share: None)
     parts = len(buildings) * len(settings.scanners) + 1
     driven: list[DrivenRoute] = []
     scanners: list[str] = []
@@ -150,13 +143,13 @@ def study_localizer(
             before = i * len(settings.scanners) + j
 
             def report_part(share: float, before: int = before) -> None:
-                report((before + share) / parts)
+                progress((before + share) / parts)
 
             for route in driver.drives(name, environment, called, routes, report_part):
                 driven.append(route)
                 scanners.append(called)
     calibration = calibrate(
         begin, driven, rng_of(settings.seed, "folds"), start_std=START_STD,
-        progress=lambda share: report((parts - 1 + share) / parts),
+        progress=within(progress, (parts - 1) / parts, 1.0),
     )  # fmt: skip
     return StudiedRoutes(tuple(driven), tuple(scanners), calibration)

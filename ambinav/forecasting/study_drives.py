@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -28,11 +28,10 @@ from ambinav.maps.content_digest import environment_digest
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import path_length, sample_routes
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Progress, within
 from ambinav.runtime.provenance import code_digest, digest_of
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
-
-Report = Callable[[float], None]
 
 SHORTEST, LONGEST = 6.0, 70.0
 """Length of routes, metres."""
@@ -128,7 +127,7 @@ class Driver:
         environment: Environment,
         name: str,
         routes: tuple[Route, ...],
-        report: Report,
+        report: Progress,
     ) -> Iterator[DrivenRoute]:
         """Yield the routes of a building, driven with the scanner of this name."""
         if not routes:
@@ -137,7 +136,7 @@ class Driver:
         scanner = settings.scanners[name]
         amap = build_map(
             environment, scanner, spacing=settings.spacing, store=self._store,
-            progress=lambda share: report(0.5 * share),
+            progress=within(report, 0.0, 0.5),
         )  # fmt: skip
         field = InformationField.of(amap, echoes=begin.limited_by_echoes(scanner))
         odometries = list(settings.odometries.values())

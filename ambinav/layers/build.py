@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.part import is_part
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.scanner import RangeScanner
 
 Values = NDArray[np.float32]
@@ -30,7 +31,7 @@ def with_layers(
     names: str | Iterable[str],
     *,
     environment: Environment | None = None,
-    report: Callable[[float], None] | None = None,
+    report: Progress = silent,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
     """Return a map with more layers; a layer that the map already has is recomputed.
@@ -72,7 +73,7 @@ def layered(
     chosen: tuple[Layer, ...],
     *,
     environment: Environment | None = None,
-    report: Callable[[float], None] | None = None,
+    report: Progress = silent,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
     """Return a map, or a part of one, with more layers; see `with_layers`.
@@ -88,8 +89,7 @@ def layered(
         given = dict(options.get(layer.name, {}))
         with LAYERS.calling(layer.name):
             added |= layer_variables(layer, context, layer.compute(context, **given), given)
-        if report is not None:
-            report((done + 1) / len(chosen))
+        report((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
     return AmbiguityMap(dataset.assign(added), source=amap.source)
 

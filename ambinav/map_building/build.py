@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Real
@@ -31,6 +31,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.arrays import line_of_floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def build_map(
     radius: float = 0.5,
     headings: int | None = None,
     map_std: float | None = None,
-    progress: bool | Callable[[float], None] = False,
+    progress: bool | Progress = False,
     *,
     tau: float | None = None,
     max_beams: int | None = None,
@@ -219,14 +220,14 @@ def build_map(
     model, theta, names = settings.model, settings.theta, settings.layers
     spacing = settings.spacing
 
-    def compute(report: Callable[[float], None]) -> AmbiguityMap:
+    def compute(report: Progress) -> AmbiguityMap:
         lattice, possible = standing_lattice(
             Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta,
             model.robot_radius,
         )  # fmt: skip
         parts = 1 + len(names)
         results = _compute(
-            lattice, possible, thinned, model, theta, lambda share: report(share / parts)
+            lattice, possible, thinned, model, theta, within(report, 0.0, 1.0 / parts)
         )
         amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, results))
         if names:
@@ -236,7 +237,7 @@ def build_map(
                 amap,
                 names,
                 environment=env,
-                report=lambda share: report((1 + share * len(names)) / parts),
+                report=within(report, 1.0 / parts, (1.0 + len(names)) / parts),
             )
         return amap
 
@@ -283,7 +284,7 @@ def _compute(
     scanner: RangeScanner,
     model: AmbiguityModel,
     theta: Floats | None,
-    report: Callable[[float], None],
+    report: Progress,
 ) -> LatticeSums:
     table = BeamTable.of(
         scanner, model.map_std, model.outlier_share, lattice.environment.has_reflectors
@@ -338,9 +339,7 @@ def _compute(
 
 
 @contextlib.contextmanager
-def reporter(
-    progress: bool | Callable[[float], None], title: str
-) -> Iterator[Callable[[float], None]]:
+def reporter(progress: bool | Progress, title: str) -> Iterator[Progress]:
     """Yield a function that takes the completed share, from 0 to 1.
 
     Args:
@@ -351,10 +350,10 @@ def reporter(
         yield progress
     elif progress:
         from rich.console import Console
-        from rich.progress import Progress
+        from rich.progress import Progress as Bars
 
-        with Progress(console=Console(stderr=True), transient=True) as bar:
+        with Bars(console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=1.0)
             yield lambda share: bar.update(task, completed=share)
     else:
-        yield lambda share: None
+        yield silent

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import tiled
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.arrays import line_of_floats
+from ambinav.runtime.progress import Progress
 from ambinav.sensing.scanner import RangeScanner
 
 
@@ -39,7 +39,7 @@ class ChosenPoses:
     turning: bool
 
     def sums(
-        self, lattice: Lattice, possible: Bools, chosen: Bools, report: Callable[[float], None]
+        self, lattice: Lattice, possible: Bools, chosen: Bools, report: Progress
     ) -> LatticeSums:
         """Compute the chosen poses, with the same results as `build_map`, bit for bit.
 

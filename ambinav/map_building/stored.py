@@ -12,11 +12,10 @@ from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
+from ambinav.runtime.progress import Progress
 from ambinav.runtime.provenance import PACKAGES, Provenance, digest_of
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
-
-Report = Callable[[float], None]
 
 
 def computing_digest() -> str:
@@ -72,8 +71,8 @@ def map_key(
 def opened_or_computed(
     key: str | None,
     labels: dict[str, str],
-    compute: Callable[[Report], AmbiguityMap],
-    report: Report,
+    compute: Callable[[Progress], AmbiguityMap],
+    report: Progress,
     store: MapStore | None,
 ) -> AmbiguityMap:
     """Open a map from a store, or compute and store it.

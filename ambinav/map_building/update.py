@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +45,7 @@ from ambinav.maps.part import is_part
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, within
 from ambinav.sensing.scanner import RangeScanner
 
 # Points of the lattice within so many spacings of a wall may be parted by it from a neighbour.
@@ -59,7 +59,7 @@ MOST_BOXES = 24
 
 
 def updated(
-    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Progress = False
 ) -> AmbiguityMap:
     """Return the map `build_map` makes of `env` with the settings of `amap`.
 
@@ -151,7 +151,7 @@ class _Update:
         """Headings, radians; None for a map without headings."""
         return self.context.headings if self.context.has_theta else None
 
-    def run(self, report: Callable[[float], None]) -> AmbiguityMap:
+    def run(self, report: Progress) -> AmbiguityMap:
         """Compute what changed, and copy the rest."""
         was = self.frame.taken(self.amap.possible, self.before, False)
         possible = self.possible(was)
@@ -297,7 +297,7 @@ class _Update:
         return near
 
     def computed(
-        self, possible: Bools, affected: Bools, report: Callable[[float], None]
+        self, possible: Bools, affected: Bools, report: Progress
     ) -> dict[str, NDArray[Any]]:
         """Compute layers at the M affected cells, row by row, (M, ...); none if there are none."""
         if not affected.any():
@@ -318,7 +318,7 @@ class _Update:
             "heading" in self.amap.dataset,
         )  # fmt: skip
         stands, picked = possible[rows, columns][around.free], chosen[around.free]
-        results = poses.sums(around, stands, picked, lambda share: report(0.95 * share))
+        results = poses.sums(around, stands, picked, within(report, 0.0, 0.95))
         lattice = Lattice(window, self.spacing, x[columns], y[rows], chosen)
         layers = pose_layers(lattice, context.model, self.theta, results)
         return {name: array.values[chosen] for name, array in layers.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +16,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map, reporter
 from ambinav.maps.ambiguity_volume import SURFACES, AmbiguityVolume
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def build_volume(
     spacing: float = 0.2,
     *,
     robot_radius: float = 0.2,
-    progress: bool | Callable[[float], None] = False,
+    progress: bool | Progress = False,
     store: bool | MapStore = True,
     **settings: Any,
 ) -> AmbiguityVolume:

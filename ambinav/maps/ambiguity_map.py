@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, overload
@@ -27,6 +27,7 @@ from ambinav.maps.prepared_layer import PreparedLayer
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
 from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress
 from ambinav.runtime.scalars import Scalar
 
 
@@ -114,9 +115,7 @@ class AmbiguityMap:
         """
         store.write(self.dataset, Address.of(path, storage_options))
 
-    def update(
-        self, env: Environment, *, progress: bool | Callable[[float], None] = False
-    ) -> AmbiguityMap:
+    def update(self, env: Environment, *, progress: bool | Progress = False) -> AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
         The result equals, to rounding, the map that `build_map` makes of `env` with this map's

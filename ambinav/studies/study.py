@@ -21,6 +21,7 @@ from ambinav.plotting.style import FORMATS
 from ambinav.reports.page.html import fill_page
 from ambinav.reports.pages import data_uri, fill
 from ambinav.runtime.files import replacing, write_text
+from ambinav.runtime.progress import Progress, silent
 from ambinav.runtime.runfolder import WORK, RunFolder
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 Figures = Mapping[str, Callable[[], "Axes | Figure"]]
 """The drawing functions of pictures, by name without suffix."""
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Study:
         content: Content,
         figures: Figures,
         image_format: str = "png",
-        progress: Progress | None = None,
+        progress: Progress = silent,
         more: Callable[[Path], object] | None = None,
     ) -> None:
         """Write a result atomically; an earlier one in `folder` is replaced.
@@ -137,7 +137,7 @@ class Study:
             self.write_documents(fresh, content, names)
 
     def draw(
-        self, folder: Path, figures: Figures, image_format: str, progress: Progress | None = None
+        self, folder: Path, figures: Figures, image_format: str, progress: Progress = silent
     ) -> dict[str, str]:
         """Draw pictures into a folder, each completely or not at all; return their file names."""
         from ambinav.plotting.canvas import save_figure
@@ -146,8 +146,7 @@ class Study:
         for done, (name, figure) in enumerate(figures.items(), start=1):
             with replacing(folder / names[name]) as fresh:
                 save_figure(figure(), fresh)
-            if progress is not None:
-                progress(done / len(figures))
+            progress(done / len(figures))
         return names
 
     def write_documents(

@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,6 +29,7 @@ from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import move_onto
 from ambinav.runtime.processes import processors
+from ambinav.runtime.progress import Progress
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.runtime.work_queue import do_here
 from ambinav.runtime.workers import do_in_processes
@@ -75,7 +76,7 @@ def build_tiled(
     workers: int | None = None,
     scheduler: str | None = None,
     storage_options: Mapping[str, Any] | None = None,
-    progress: bool | Callable[[float], None] = False,
+    progress: bool | Progress = False,
     **arguments: Any,
 ) -> TiledBuild:
     """Compute a map that need not fit into memory, and write it tile by tile.
@@ -116,7 +117,7 @@ def run_plan(
     workers: int | None = None,
     scheduler: str | None = None,
     storage_options: Mapping[str, Any] | None = None,
-    progress: bool | Callable[[float], None] = False,
+    progress: bool | Progress = False,
 ) -> TiledBuild:
     """Build the tiles of a plan; see `build_tiled`."""
     if workers is not None and workers < 0:
@@ -231,7 +232,7 @@ def _building(plan: TilePlan) -> xr.Dataset:
     )
 
 
-def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) -> TileQueue:
+def _queue(plan: TilePlan, store: TileStore, report: Progress) -> TileQueue:
     """Return a queue of all tiles, existing ones first."""
     records = store.records()
 

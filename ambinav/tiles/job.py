@@ -23,6 +23,7 @@ from ambinav.map_building.selection import ChosenPoses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.schema import BACKDROP
 from ambinav.runtime.array_types import Bytes, Floats
+from ambinav.runtime.progress import silent
 
 # A part reaches this much farther than what is asked in it, metres.
 SLACK = 0.1
@@ -175,7 +176,7 @@ def tile_variables(job: TileJob, given: TileInput) -> dict[str, xr.DataArray]:
         return backdrop
     chosen = np.zeros_like(around.free)
     chosen[own] = free
-    results = job.poses.sums(around, possible, chosen[around.free], lambda share: None)
+    results = job.poses.sums(around, possible, chosen[around.free], silent)
     lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
     variables = pose_layers(lattice, settings.model, settings.theta, results)
     variables["clearance"] = clearance_layer(lattice)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from ambinav.runtime.progress import Progress
 from ambinav.tiles.job import Tile, TileInput, TileJob, tile_variables
 from ambinav.tiles.plan import TilePlan
 from ambinav.tiles.store import TileStore
@@ -89,7 +90,7 @@ class TileQueue:
     """
 
     plan: TilePlan
-    report: Callable[[float], None]
+    report: Progress
     order: Iterator[tuple[Tile, bool]]
     total: int
     free: int = 0

@@ -11,15 +11,9 @@ import gymnasium as gym
 import numpy as np
 
 from ambinav.config import as_count
+from ambinav.runtime.progress import Progress, silent
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.evaluation import (
-    EpisodeDriver,
-    Episodes,
-    Progress,
-    episode_seeds,
-    evaluate_in,
-    joined,
-)
+from ambinav_envs.evaluation import EpisodeDriver, Episodes, episode_seeds, evaluate_in, joined
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.policy import Policy, checked_actions
 from ambinav_envs.registered import arguments_of_id, is_wrapped, make_wrapped, simulation_of
@@ -75,7 +69,7 @@ class Arena:
         controller: EpisodeDriver | Policy,
         episodes: int,
         seed: int,
-        progress: Progress | None = None,
+        progress: Progress = silent,
     ) -> Episodes:
         """Run episodes with a policy or a controller; see `evaluation.evaluate_in`.
 
@@ -99,8 +93,7 @@ class Arena:
             done = []
             for number in episode_seeds(seed, 0, as_count(episodes, "episodes")):
                 done.append(_episode(env, controller, int(number)))
-                if progress is not None:
-                    progress(len(done) / episodes)
+                progress(len(done) / episodes)
         return joined(done)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.config import as_count
 from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
@@ -39,8 +40,6 @@ CHUNK = 128
 for one of them depends in its last bits on the size of the batch. A robot without an episode gets
 the
 first observation of another one, or its own last one, and its commands are ignored."""
-
-Progress = Callable[[float], None]
 
 
 @runtime_checkable
@@ -190,7 +189,7 @@ def evaluate_in(
     seed: int = 0,
     *,
     chunk: int = CHUNK,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Episodes:
     """Run episodes with a policy or a controller.
 
@@ -221,7 +220,7 @@ def evaluate_seeds(
     buildings: Sequence[int] | None = None,
     *,
     chunk: int = CHUNK,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Episodes:
     """Run episodes of given seeds, see `evaluate_in`.
 
@@ -249,8 +248,7 @@ def evaluate_seeds(
         among = None if buildings is None else buildings[first : first + chunk]
 
         def report_progress(share: float, first: int = first, count: int = len(own)) -> None:
-            if progress is not None:
-                progress((first + share * count) / episodes)
+            progress((first + share * count) / episodes)
 
         done.append(_drive(controller, simulation, own, among, report_progress))
     return joined(done)

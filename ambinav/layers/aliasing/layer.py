@@ -41,7 +41,6 @@ fast is in `aliasing.signature`, with proofs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +53,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices, Ints, Ints32
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 
 LEAST_LIKENESS = 0.01
 # Poses searched for in one call of the kernel.
@@ -94,7 +94,7 @@ def aliased_poses(
     least: float = LEAST_LIKENESS,
     place: Ints32 | None = None,
     sought: Bools | None = None,
-    report: Callable[[float], None] | None = None,
+    report: Progress = silent,
 ) -> AliasedPoses:
     """Find the poses aliased with each pose of a map.
 
@@ -141,8 +141,7 @@ def aliased_poses(
                 threshold, count,
             )  # fmt: skip
             left += steps.sum(axis=0)
-            if report is not None:
-                report((part + 1) / parts)
+            report((part + 1) / parts)
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     share[~scans.possible] = np.nan

@@ -28,6 +28,7 @@ from ambinav.plugins import load_module
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import disk_is_full
 from ambinav.runtime.processes import begin_worker
+from ambinav.runtime.progress import Progress
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.jobs.route_forecasts import route_forecasts
 from ambinav.server.wire import read_dataset, write_dataset
@@ -301,7 +302,7 @@ def edits(line: Connection) -> None:
             line.send(_outcome(partial(edited, task)))
 
 
-def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) -> None:
+def edit(amap: AmbiguityMap, task: EditTask, report: Progress) -> None:
     """Write the map of an edited building.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.studies.audit.audit import Audit, metres2, percent
 from ambinav.studies.audit.counterfactual.posts import could_pay, find_posts
 from ambinav.studies.audit.counterfactual.search import (
@@ -36,7 +37,7 @@ def advise(
     *,
     posts: int | None = None,
     gate: GateCheck | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> Audit:
     """Return the audit with a verdict, and with posts if they can help.
 
@@ -60,7 +61,7 @@ def advise(
     trips = find_trips(result.amap, rng)
     tried = find_counterfactuals(
         result.amap, result.environment, result.scanner, rng, trips,
-        lambda share: report(0.7 * share),
+        within(report, 0.0, 0.7),
     )  # fmt: skip
     helps = result.helps
     most = max((change.removed for change in tried), default=0.0)
@@ -68,7 +69,7 @@ def advise(
     if wanted:
         helps = find_posts(
             result.environment, result.scanner, result.amap, result.reach, posts or 3, trips, rng,
-            lambda share: report(0.7 + 0.3 * share),
+            within(report, 0.7, 1.0),
         )  # fmt: skip
         tried = tuple(
             sorted((*tried, *_post_changes(helps, before)), key=lambda change: change.after.value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.runtime.array_types import Bools, Floats, Ints32
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.audit.aliased_pairs import AliasedPair, find_aliased_pairs
 from ambinav.studies.audit.aliasing_tracks import follow
 
@@ -64,7 +64,7 @@ def find_aliasing(
     wanted: bool | None = None,
     *,
     letters: int = 6,
-    report: Callable[[float], None] | None = None,
+    report: Progress = silent,
 ) -> AliasingFindings:
     """Search a map for aliased poses and join them into pairs of regions.
 
@@ -124,7 +124,7 @@ def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
 
 
 def seek(
-    amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
+    amap: AmbiguityMap, context: LayerContext, report: Progress = silent
 ) -> tuple[AliasedPoses, Bools]:
     """Return aliased poses, up to `COUNT` of each pose, and the cells where the search started.
 

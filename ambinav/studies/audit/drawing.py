@@ -22,13 +22,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ambinav.maps import schema
 from ambinav.runtime.processes import begin_worker, putting_signals_off
+from ambinav.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     from ambinav.studies.audit.audit import Audit
 
 NOT_DRAWN: Final = ("ambiguity", "major_radius", "minor_radius")
 """Layers that no picture shows; with their means they take 40 % of a map with headings."""
-Draw = Callable[["Audit", Path, Callable[[float], None] | None, str], None]
+Draw = Callable[["Audit", Path, Progress, str], None]
 """Draws as `ambinav.studies.audit.pictures.save_pictures` does."""
 
 
@@ -74,11 +75,7 @@ class DrawingProcess:
         self._process.close()
 
     def draw(
-        self,
-        audit: Audit,
-        folder: Path,
-        progress: Callable[[float], None] | None = None,
-        image_format: str = "png",
+        self, audit: Audit, folder: Path, progress: Progress = silent, image_format: str = "png"
     ) -> None:
         """Draw all pictures into `folder`.
 
@@ -102,8 +99,7 @@ class DrawingProcess:
         try:
             _send(self._line, (drawn, folder, image_format))
             while isinstance(answer := self._line.recv(), float):
-                if progress is not None:
-                    progress(answer)
+                progress(answer)
         except (EOFError, BrokenPipeError, ConnectionResetError):
             raise RuntimeError(
                 "the process that draws the pictures was killed, perhaps for lack of memory"

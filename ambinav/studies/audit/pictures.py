@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -13,6 +12,7 @@ from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.floor import label_points
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.scan import plot_scan
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING
 from ambinav.studies.audit.audit import Audit, Finding, degrees
 from ambinav.studies.audit.document import (
@@ -27,10 +27,7 @@ from ambinav.studies.audit.document import (
 
 
 def save_pictures(
-    audit: Audit,
-    folder: Path,
-    progress: Callable[[float], None] | None = None,
-    image_format: str = "png",
+    audit: Audit, folder: Path, progress: Progress = silent, image_format: str = "png"
 ) -> None:
     """Draw all pictures into `folder`.
 
@@ -44,22 +41,17 @@ def save_pictures(
     numbers = [(place.x, place.y, str(place.number)) for place in places]
     floors = floor_pictures(audit)
     total = len(floors) + len(places)
-
-    def report_progress(done: int) -> None:
-        if progress is not None:
-            progress(done / total)
-
     for done, name in enumerate(floors, start=1):
         axes = plot_floor(audit, name)
         if name in (FLOOR_ZONES, FLOOR_LEVEL):
             # The worst place lies on top.
             label_points(axes, reversed(numbers))
         save_figure(axes, folder / f"{name}.{image_format}")
-        report_progress(done)
+        progress(done / total)
     for finding in audit.findings:
         name = place_picture(finding.place.number)
         save_figure(plot_finding(audit, finding), folder / f"{name}.{image_format}")
-        report_progress(len(floors) + finding.place.number)
+        progress((len(floors) + finding.place.number) / total)
 
 
 def plot_floor(audit: Audit, name: str) -> Axes:

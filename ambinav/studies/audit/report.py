@@ -15,6 +15,7 @@ from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
 from ambinav.reports.parameters import map_parameters
 from ambinav.runtime.files import replacing
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.audit.actions import actions
 from ambinav.studies.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.studies.audit.document import FORMAT, Document, document
@@ -22,7 +23,7 @@ from ambinav.studies.audit.drawing import Draw, drawing
 from ambinav.studies.audit.page import lead, page_map, with_places
 from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.design.improved import improved_text
-from ambinav.studies.study import Content, Progress, Study
+from ambinav.studies.study import Content, Study
 
 STUDY: Final = Study("audit", "ambinav.studies.audit", ("floor-*", "place-*"), format=FORMAT)
 
@@ -30,7 +31,7 @@ STUDY: Final = Study("audit", "ambinav.studies.audit", ("floor-*", "place-*"), f
 def write_audit(
     audit: Audit,
     folder: str | Path,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     image_format: str = "png",
     advise: Callable[[Audit, Callable[[], None]], Audit] | None = None,
     draw: Draw | None = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +17,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plugins import load_module
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Progress, silent
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.studies.compare.external_routes import measured, policy_route, saved_route
@@ -88,7 +89,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
 
 
 def make_plans(
-    loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
+    loaded: ScenarioBundle, amap: AmbiguityMap, progress: Progress = silent
 ) -> tuple[Plan, ...]:
     """Return all routes, pair by pair.
 
@@ -106,8 +107,7 @@ def make_plans(
     for done, (pair, part) in enumerate(wanted):
         with _naming_route(pair, part):
             plans.append(_plan(loaded, amap, pair, part))
-        if progress is not None:
-            progress((done + 1) / len(wanted))
+        progress((done + 1) / len(wanted))
     for pair in loaded.scenario.pairs:
         _note_dearer(loaded, amap, pair, [plan for plan in plans if plan.pair == pair.name])
     return tuple(plans)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -16,6 +16,7 @@ from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
 from ambinav.runtime.files import replacing
+from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
 from ambinav.runtime.runfolder import LOCK, WORK
 from ambinav.store.map_store import MapStore
@@ -43,15 +44,13 @@ TABLE: Final = "table.csv"
 STUDY: Final = Study("comparison", "ambinav.studies.compare", PICTURES, (TABLE, ROUTES, DRIVES))
 """Its folder `work` has the map, and a file for each piece of work."""
 
-Bars = Callable[[str], Callable[[float], None]]
-
 
 def compare_routes(
     loaded: ScenarioBundle,
     folder: str | Path,
     *,
     jobs: int = 1,
-    bars: Bars | None = None,
+    bars: Stages = silent_stages,
     image_format: str = "png",
     store: bool | MapStore = False,
 ) -> tuple[Document, tuple[Row, ...]]:
@@ -81,15 +80,14 @@ def compare_routes(
     with loaded.named():
         check_plans(loaded)
     with STUDY.folder.hold(out):
-        begin = bars or (lambda text: lambda share: None)
-        return _compare(loaded, out, jobs, begin, image_format, store)
+        return _compare(loaded, out, jobs, bars, image_format, store)
 
 
 def _compare(
     loaded: ScenarioBundle,
     out: Path,
     jobs: int,
-    begin: Bars,
+    begin: Stages,
     image_format: str,
     store: bool | MapStore,
 ) -> tuple[Document, tuple[Row, ...]]:
@@ -148,7 +146,7 @@ def _has_policies(loaded: ScenarioBundle) -> bool:
 
 
 def _load_map(
-    loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
+    loaded: ScenarioBundle, work: Path, begin: Stages, store: bool | MapStore
 ) -> AmbiguityMap:
     """Build or read the map of the scenario."""
     options = loaded.scenario.map.model_dump(exclude={"layer"})

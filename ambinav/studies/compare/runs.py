@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from ambinav.maps.content_digest import environment_digest, map_digest
+from ambinav.runtime.progress import Progress, silent
 from ambinav.runtime.provenance import POLICIES, Provenance, digest_of
 from ambinav.studies.compare.controllers import Driver
 from ambinav.studies.compare.plans import Plan
@@ -22,7 +22,7 @@ def drive_all(
     folder: Path,
     *,
     jobs: int = 1,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
 ) -> tuple[Results, ...]:
     """Drive each route as many times as the scenario says.
 
@@ -43,13 +43,12 @@ def drive_all(
     items = [item for plan in plans for item in items_of(setup, plan)]
     paths = {item.key: folder / f"{item.key}.npz" for item in items}
     todo = {item.key: item for item in items if load_results(paths[item.key]) is None}
-    report = progress or (lambda share: None)
     done = len(paths) - len(todo)
-    report(done / len(paths))
+    progress(done / len(paths))
     for item, results in in_workers(setup, _drive, list(todo.values()), jobs):
         save_results(results, paths[item.key])
         done += 1
-        report(done / len(paths))
+        progress(done / len(paths))
     stored = {key: load_results(path) for key, path in paths.items()}
     return tuple(
         joined([_there(stored[item.key]) for item in items if item.plan is plan]) for plan in plans

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +16,7 @@ from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.processes import processors
+from ambinav.runtime.progress import Progress, silent
 from ambinav.runtime.work_queue import do_here
 from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
@@ -107,7 +108,7 @@ def run_fleet(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = silent,
 ) -> Fleet:
     """Audit all units that have no result yet, and write tables, catalogue and page.
 
@@ -145,7 +146,7 @@ def run_batch(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = silent,
 ) -> tuple[UnitDone, ...]:
     """Audit one part of the units, and write their results only.
 
@@ -187,7 +188,7 @@ def _place(output: str | Path) -> Address:
 
 def _done(
     units: Sequence[Unit], work: FleetWork, workers: int | None, scheduler: str | None,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> tuple[UnitDone, ...]:  # fmt: skip
     """Do the work for all units; return the results by site and scanner."""
     queue = FleetQueue(work, deque(units), progress, len(units))
@@ -216,7 +217,7 @@ class FleetQueue:
 
     work: FleetWork
     units: deque[Unit]
-    report: Callable[[float], None]
+    report: Progress
     total: int
     results: dict[tuple[str, str], UnitDone] = field(default_factory=dict)
     _deaths: Counter[str] = field(default_factory=Counter)

@@ -15,6 +15,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.layers.registry import on_request
 from ambinav.maps.content_digest import environment_digest
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Progress, Stages
 from ambinav_envs.arena import Arena
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import CONDITIONS as CONDITIONS
@@ -36,8 +37,6 @@ BASELINE: Final = SHORTEST
 FIXED: Final = frozenset((*BUILDINGS, *SEEING, "observations", "scanner", "robot", "layer", "task"))
 """Arguments that no condition changes: the maps of a venue and what a method sees depend on them,
 and all conditions have these in common."""
-
-Bars = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +305,7 @@ def _check(board: Board, setting: Setting, method: Method) -> dict[str, tuple[st
     return check_fit(driver, parameters, board.force)
 
 
-def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]:
+def run(board: Board, work: Path, begin: Stages) -> dict[str, dict[str, Episodes]]:
     """Run the episodes that have not been run yet.
 
     Args:
@@ -357,7 +356,7 @@ def _drive(
     method: Method,
     source: BuildingSource,
     work: Path,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> Episodes:
     """Run all episodes of a method in a setting; routes are reused across conditions."""
     parameters = board.parameters(setting, method)

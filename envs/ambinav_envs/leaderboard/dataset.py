@@ -13,7 +13,7 @@ import copy
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,6 +26,7 @@ from ambinav import __version__
 from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
+from ambinav.runtime.progress import Progress, silent
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, episode_seeds
 from ambinav_envs.file_arguments import with_absolute_files
@@ -81,7 +82,7 @@ def record_datasets(
     episodes: int,
     seed: int,
     folder: Path,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
     author: str | None = None,
 ) -> tuple[Recorded, ...]:
     """Record a data set of each method into a folder; on failure write none.
@@ -127,8 +128,7 @@ def record_datasets(
             for k, (name, method) in enumerate(zip(names, methods, strict=True)):
 
                 def report(share: float, done: int = k) -> None:
-                    if progress is not None:
-                        progress((done + share) / len(methods))
+                    progress((done + share) / len(methods))
 
                 own = {**method.seeing, **arguments}
                 made.append(
@@ -158,7 +158,7 @@ def _record(
     arguments: Mapping[str, Any],
     episodes: int,
     seed: int,
-    progress: Callable[[float], None],
+    progress: Progress,
     author: str | None,
 ) -> Recorded:
     """Record the data set of one method, and write its card."""

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ import numpy as np
 
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav_envs.arena import Arena
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
@@ -103,7 +104,7 @@ def evaluate(
     episodes: int = 200,
     seed: int = 0,
     *,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
     **arguments: Any,
 ) -> Episodes:
     """Run episodes of a registered environment with a policy or a controller.
@@ -241,7 +242,7 @@ def evaluate_policy(
     changed: Mapping[str, Any],
     episodes: int,
     seed: int,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
     *,
     force: bool = False,
     twins: bool = True,
@@ -275,19 +276,13 @@ def evaluate_policy(
     differs = check_fit(policy, arena.parameters, force)
     own = 1.0 / (1 + RUNS) if twins else 1.0
 
-    def report_progress(share: float) -> None:
-        if progress is not None:
-            progress(share)
-
-    episodes_driven = arena.evaluate(
-        policy, episodes, seed, progress=lambda share: report_progress(own * share)
-    )
+    episodes_driven = arena.evaluate(policy, episodes, seed, progress=within(progress, 0.0, own))
     (row,) = make_rows(arena.source.name, {policy.name: episodes_driven}, None, seed)
     beside = None
     if twins:
         beside = drive_twins(
             policy, episodes_driven, arena, seed,
-            lambda share: report_progress(own + (1.0 - own) * share),
+            within(progress, own, 1.0),
         )  # fmt: skip
     return Evaluation(
         row, episodes_driven, arguments, seed, differs, beside, policy.is_code,

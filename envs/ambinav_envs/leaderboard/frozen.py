@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,9 +17,10 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.content_digest import environment_digest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
+from ambinav.runtime.progress import Stages
 from ambinav.runtime.provenance import digest_of
 from ambinav_envs.buildings.suites import suite
-from ambinav_envs.evaluation import CHUNK, Progress, evaluate_seeds
+from ambinav_envs.evaluation import CHUNK, evaluate_seeds
 from ambinav_envs.leaderboard.board import Board, Setting, Venue, fitting, source_for, venue_of_task
 from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.registered import arguments_of_id
@@ -165,7 +166,7 @@ def drive(
     methods: Mapping[str, Method],
     seed: int,
     maps: Path | None,
-    begin: Callable[[str], Progress],
+    begin: Stages,
 ) -> dict[str, dict[str, list[Outcome]]]:
     """Drive all episodes, after checking all that they depend on.
 

@@ -11,12 +11,13 @@ from typing import Any, Final
 
 from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.reports.table import difference_text, interval_text, is_shown, value_text
+from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.runtime.provenance import discard_stale
 from ambinav.runtime.runfolder import LOCK, WORK
 from ambinav.studies.study import Content, Study
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.board import BASELINE, Bars, Board, fitting, run
+from ambinav_envs.leaderboard.board import BASELINE, Board, fitting, run
 from ambinav_envs.leaderboard.figures import (
     FIGURES,
     SCORE,
@@ -44,7 +45,7 @@ CRITERION: Final = AcceptanceCriterion(lost=0.5)
 
 
 def benchmark(
-    board: Board, folder: Path, bars: Bars | None = None, image_format: str = "png"
+    board: Board, folder: Path, bars: Stages = silent_stages, image_format: str = "png"
 ) -> tuple[Row, ...]:
     """Run a leaderboard and write it; results of an earlier call in the folder are reused.
 
@@ -64,10 +65,9 @@ def benchmark(
     """
     STUDY.folder.check(folder)
     board = fitting(board)
-    begin = bars or (lambda text: lambda share: None)
     with STUDY.folder.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
-        results = run(board, folder / WORK, begin)
+        results = run(board, folder / WORK, bars)
         scores = scores_of(results, board.seed)
         rows = rows_of(board, results, scores)
         title = f"Leaderboard, {board.episodes} episodes each"

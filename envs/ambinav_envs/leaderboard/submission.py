@@ -10,7 +10,7 @@ import platform
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -19,8 +19,8 @@ import numpy as np
 
 from ambinav.drive.bootstrap import percentiles
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.progress import Stages
 from ambinav.runtime.provenance import Provenance, digest_of
-from ambinav_envs.evaluation import Progress
 from ambinav_envs.leaderboard.figures import draws, plain
 from ambinav_envs.leaderboard.frozen import DRAWN, PARTS, RECORDED, FrozenBenchmark, Outcome, drive
 from ambinav_envs.leaderboard.methods import Method, policy_method
@@ -33,7 +33,6 @@ EMBEDDED: Final = 16 * MEBIBYTE
 """Policy files of at most so many bytes are part of the submission."""
 
 Record = dict[str, Any]
-Begin = Callable[[str], Progress]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +106,7 @@ def entries_for(frozen: FrozenBenchmark, policies: Sequence[str], trust: bool) -
 def make_record(
     frozen: FrozenBenchmark,
     entries: Sequence[Entry],
-    begin: Begin,
+    begin: Stages,
     secret: Path | None = None,
     maps: Path | None = None,
     quick: bool = False,
@@ -248,7 +247,7 @@ def _contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
 def verify(
     path: Path,
     frozen: FrozenBenchmark,
-    begin: Begin,
+    begin: Stages,
     policies: Sequence[str] = (),
     trust: bool = False,
     secret: Path | None = None,

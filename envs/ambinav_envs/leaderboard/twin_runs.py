@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ambinav.runtime.progress import Progress
 from ambinav_envs.arena import Arena
 from ambinav_envs.evaluation import EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
@@ -52,7 +52,7 @@ class TwinRuns:
 
 
 def drive_twins(
-    policy: Policy, episodes: Episodes, arena: Arena, seed: int, progress: Callable[[float], None]
+    policy: Policy, episodes: Episodes, arena: Arena, seed: int, progress: Progress
 ) -> TwinRuns:
     """Run a policy's episodes again with the true pose, and with blind route following.
 

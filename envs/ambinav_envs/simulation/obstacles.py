@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 
 from ambinav.drive.people import KEEP, strolled
-from ambinav.drive.world import BISECTIONS, ROUNDING
+from ambinav.drive.world import BISECTIONS
 from ambinav.geometry.collision.disc_sweep import place
 from ambinav.geometry.collision.gaps import near_arc, near_line
 from ambinav.geometry.collision.obstacles import in_triangles, nearest_gap
+from ambinav.geometry.footprint import ROUNDING
 from ambinav.localization.random import uniform
 from ambinav.runtime.kernels import kernel
 

@@ -8,7 +8,7 @@ longer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import BAD, NOT_FREE, ZONES
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
@@ -78,7 +79,7 @@ def find_posts(
     count: int,
     trips: Trips | None,
     rng: np.random.Generator,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> PostSearch:
     """Place posts that reduce the bad floor of the whole map.
 
@@ -127,12 +128,12 @@ def find_posts(
     places = Places.at_all_headings(bad_points, np.full(len(bad_points), amap.cell_area))
     effects = Effects(environment, setting, places.sampled(lattice, PLACES, rng))
     report(0.2)
-    trials = try_alone(effects, coarse, lambda share: report(0.2 + 0.3 * share))
+    trials = try_alone(effects, coarse, within(report, 0.2, 0.5))
     best = [trials.candidates[i] for i in trials.order[:count]]
     fine = _nearest(between, best, FINE)
-    trials = trials.and_of(try_alone(effects, fine, lambda share: report(0.5 + 0.2 * share)))
+    trials = trials.and_of(try_alone(effects, fine, within(report, 0.5, 0.7)))
     placement = place(
-        effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
+        effects, trials, count, rules.min_passage, report=within(report, 0.7, 0.9), least=NOTHING
     )
     known = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
@@ -151,10 +152,6 @@ def find_posts(
     then = np.where(then == NOT_FREE, zone, then)[amap.judged.counted]
     areas = tuple(float((then == code).sum()) * amap.cell_area for code in range(len(ZONES)))
     return PostSearch(count, rules, known, "", tuple(left), most, areas)
-
-
-def _part(report: Callable[[float], None]) -> Callable[[float], None]:
-    return lambda share: report(0.7 + 0.2 * share)
 
 
 def _in_sight(stands: Floats, points: Floats, sight: float, count: int) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, get_args
 
@@ -14,6 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import BAD, CORRIDOR, LOCALIZABLE, NOT_FREE, TRANSITION, ZONES
 from ambinav.runtime.array_types import Bytes
+from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
 from ambinav.studies.audit.counterfactual.sample import FloorSample
@@ -76,7 +77,7 @@ def find_counterfactuals(
     scanner: RangeScanner,
     rng: np.random.Generator,
     trips: Trips | None,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> tuple[Counterfactual, ...]:
     """Try headings, routes and scanners; return the best of each kind, most floor removed first.
 
@@ -185,7 +186,7 @@ def _scanners(
     environment: Environment,
     scanner: RangeScanner,
     rng: np.random.Generator,
-    report: Callable[[float], None],
+    report: Progress,
 ) -> list[Counterfactual]:
     """Return the best scanner of each kind of change."""
     changes = scanner_changes(scanner, environment)

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.beams.loss import Loss
 from ambinav.studies.design.beams.sample import MapSample
@@ -102,7 +103,7 @@ def choose(
     checks: Sequence[MapSample],
     limit: float,
     rng: np.random.Generator,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> Choice:
     """Find the fewest beams that stay within a loss on every map.
 

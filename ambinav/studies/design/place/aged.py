@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,6 +12,7 @@ from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.array_types import Floats
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.region import Places
 
@@ -45,7 +45,7 @@ def gains_in_aged(
     worlds: int,
     passage: float,
     rng: np.random.Generator,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> AgedGains:
     """Compute what obstacles remove in aged buildings: walls displaced, furniture moved.
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials, place
 
@@ -78,7 +79,7 @@ def enumerated(
     numbers: Sequence[int],
     count: int,
     passage: float,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> Optimum | None:
     """Try all subsets of some candidates; None if no subset is allowed.
 

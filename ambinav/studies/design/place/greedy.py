@@ -14,7 +14,7 @@ not foresee. Then each is moved to where it helps most between the candidates th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import Final
@@ -23,6 +23,7 @@ import numpy as np
 
 from ambinav.runtime.array_types import Ints
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
 from ambinav.studies.design.place.effect import Badness, Effects
 from ambinav.studies.design.place.gains import Gains
@@ -130,9 +131,7 @@ class Placement:
 
 
 def try_alone(
-    effects: Effects,
-    candidates: Sequence[Candidate],
-    report: Callable[[float], None] = lambda share: None,
+    effects: Effects, candidates: Sequence[Candidate], report: Progress = silent
 ) -> Trials:
     """Try each candidate in the current building."""
     gains, rows, fixed = [], [], []
@@ -151,7 +150,7 @@ def place(
     count: int,
     passage: float,
     moves: Moves | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
     least: float = 0.0,
 ) -> Placement:
     """Place `count` obstacles where they help most; fewer if none helps or none has room.
@@ -182,7 +181,7 @@ def place(
     chosen = search.exchanged()
     report(0.5)
     if moves is not None:
-        chosen = moves.improve(gains, chosen, lambda share: report(0.5 + 0.4 * share))
+        chosen = moves.improve(gains, chosen, within(report, 0.5, 0.9))
     placed, now = _place_in_order(gains, chosen)
     useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)

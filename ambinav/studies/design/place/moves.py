@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
 from ambinav.studies.design.place.gains import Gains
 from ambinav.studies.design.place.positions import Positions
@@ -36,10 +37,7 @@ class Moves:
         self._near: dict[tuple[Candidate, float], tuple[Candidate, ...]] = {}
 
     def improve(
-        self,
-        gains: Gains,
-        chosen: Sequence[Candidate],
-        report: Callable[[float], None] = lambda share: None,
+        self, gains: Gains, chosen: Sequence[Candidate], report: Progress = silent
     ) -> tuple[Candidate, ...]:
         """Return the obstacles where none gains by a move, in the same order.
 

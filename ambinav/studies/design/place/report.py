@@ -13,11 +13,12 @@ from ambinav.plotting.floor import Bounds
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.files import trace_route
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.improved import PICTURES, improved_text, state_figures, zones_after
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.study import Remedy
-from ambinav.studies.study import Content, Progress, Study
+from ambinav.studies.study import Content, Study
 
 GEOJSON: Final = "placement.geojson"
 STUDY: Final = Study("placement", "ambinav.studies.design.place", PICTURES, (GEOJSON,), FORMAT)
@@ -29,7 +30,7 @@ def write_report(
     study: Remedy,
     asked: int,
     folder: str | Path,
-    progress: Progress = lambda share: None,
+    progress: Progress = silent,
     image_format: str = "png",
 ) -> Document:
     """Write a placement, see `Study.write`; return what report.json holds.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -20,6 +20,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.aged import AgedGains, gains_in_aged
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
@@ -34,8 +35,6 @@ from ambinav.studies.design.region import Places, Region
 
 SMALL: Final = {2: 10, 3: 6}
 """Number of candidates of which all pairs and triples are tried."""
-
-Report = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,7 @@ def place_obstacles(
     reach: Reach,
     regions: Sequence[Region] = (),
     rng: np.random.Generator | None = None,
-    report: Report = lambda text: lambda share: None,
+    report: Stages = silent_stages,
     *,
     examine: bool = True,
     aged: int = 0,
@@ -224,7 +223,7 @@ def check_passage(rules: PlaceRules, reach: Reach) -> None:
         )
 
 
-def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Report) -> Remedy:
+def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Stages) -> Remedy:
     """Return the study with a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [

@@ -7,13 +7,13 @@ smaller one. Lazy greedy is then exact, and greedy reaches 1 - 1/e (63 %) of the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from ambinav.runtime.array_types import Floats
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials
 
@@ -64,7 +64,7 @@ def measured(
     trials: Trials,
     passage: float,
     rng: np.random.Generator,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> Violations:
     """Compare gains with and without another obstacle.
 

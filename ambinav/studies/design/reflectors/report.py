@@ -13,10 +13,11 @@ from ambinav.plotting.floor import FloorFigure, colour_patch
 from ambinav.plotting.maps import paint_codes
 from ambinav.plotting.placement import PlacementView, plot_state
 from ambinav.reports.parameters import map_parameters
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.improved import PICTURES, improved_text, state_figures
 from ambinav.studies.design.reflectors.document import FORMAT, Document, document
 from ambinav.studies.design.reflectors.study import STATES, ReflectorLayout
-from ambinav.studies.study import Content, Progress, Study
+from ambinav.studies.study import Content, Study
 
 GEOJSON: Final = "reflectors.geojson"
 STUDY: Final = Study(
@@ -28,7 +29,7 @@ def write_report(
     layout: ReflectorLayout,
     asked: int,
     folder: str | Path,
-    progress: Progress = lambda share: None,
+    progress: Progress = silent,
     image_format: str = "png",
 ) -> Document:
     """Write a layout, see `Study.write`; return what report.json holds.

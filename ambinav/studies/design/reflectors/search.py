@@ -11,7 +11,7 @@ criteria.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +23,7 @@ from ambinav.layers.reflectors.positioning import Positioning, Site
 from ambinav.layers.reflectors.targets import Targets
 from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 from ambinav.runtime.kernels import kernel
+from ambinav.runtime.progress import Progress, silent
 from ambinav.runtime.threads import run_rows
 from ambinav.studies.design.place.candidates import Candidate
 
@@ -111,9 +112,7 @@ class Search:
         worth = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
         return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
 
-    def place(
-        self, count: int, report: Callable[[float], None] = lambda share: None
-    ) -> tuple[int, ...]:
+    def place(self, count: int, report: Progress = silent) -> tuple[int, ...]:
         """Place at most `count` reflectors; return their numbers, those that help most first.
 
         Fewer are placed if all floor that counts is good, or no candidate helps.

@@ -21,10 +21,11 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.positions import Positions, check_zones
-from ambinav.studies.design.place.study import Report, check_passage
+from ambinav.studies.design.place.study import check_passage
 from ambinav.studies.design.reflectors.search import Search
 
 COARSE: Final = 0.3
@@ -165,7 +166,7 @@ def plan_reflectors(
     count: int = 0,
     *,
     keep_out: BaseGeometry | None = None,
-    report: Report = lambda text: lambda share: None,
+    report: Stages = silent_stages,
 ) -> ReflectorLayout:
     """Judge the reflectors of a building, and place more so that a robot navigates by them.
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ambinav.plotting.cost_curve import CostCurve, CostPoint, plot_cost_curve
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
+from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.improved import PICTURES, improved_text, state_figures, zones_after
 from ambinav.studies.design.requirement.document import (
     FORMAT,
@@ -23,7 +24,7 @@ from ambinav.studies.design.requirement.document import (
 from ambinav.studies.design.requirement.requirement import LOST
 from ambinav.studies.design.requirement.study import Solution
 from ambinav.studies.design.requirement.trip_part import trip_text
-from ambinav.studies.study import Content, Progress, Study
+from ambinav.studies.study import Content, Study
 
 GEOJSON: Final = "changes.geojson"
 CURVE: Final = "curve"
@@ -35,10 +36,7 @@ STUDY: Final = Study(
 
 
 def write_report(
-    solution: Solution,
-    folder: str | Path,
-    progress: Progress = lambda share: None,
-    image_format: str = "png",
+    solution: Solution, folder: str | Path, progress: Progress = silent, image_format: str = "png"
 ) -> Document:
     """Write a solution, see `Study.write`; return what report.json holds.
 

@@ -15,9 +15,9 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
-from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.requirement.hardware import Hardware
 from ambinav.studies.design.requirement.requirement import Requirement, bad_area
 from ambinav.studies.design.requirement.states import (
@@ -123,7 +123,7 @@ class ChangeSearch:
         terms: Terms,
         requirement: Requirement | None,
         budget: float | None,
-        report: Report,
+        report: Stages,
         forecaster: TripForecaster | None = None,
     ) -> None:
         self.forecaster = forecaster

@@ -22,6 +22,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import BAD, ZONES
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages
 from ambinav.studies.design.improved import zones_after
 from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules
 from ambinav.studies.design.place.effect import Effects
@@ -29,7 +30,6 @@ from ambinav.studies.design.place.gains import Gains
 from ambinav.studies.design.place.greedy import Trials, place_each, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.positions import Positions
-from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.region import Places
 from ambinav.studies.design.requirement.hardware import Hardware
 
@@ -183,7 +183,7 @@ class ObstacleSearch:
         self._batches: dict[frozenset[Candidate], Batch] = {}
         self.elsewhere = floor.areas(~free)
 
-    def try_places(self, report: Report) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
+    def try_places(self, report: Stages) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
         """Try every place for an obstacle alone; say why kinds of obstacles have none.
 
         Args:

@@ -11,10 +11,11 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Kind, PlaceRules
 from ambinav.studies.design.place.positions import check_zones
-from ambinav.studies.design.place.study import Report, check_passage
+from ambinav.studies.design.place.study import check_passage
 from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.hardware import hardware_options
 from ambinav.studies.design.requirement.requirement import Requirement
@@ -90,7 +91,7 @@ def meet_requirement(
     keep_out: BaseGeometry | None = None,
     trips: TripForecaster | None = None,
     source: str = "costs",
-    report: Report = lambda text: lambda share: None,
+    report: Stages = silent_stages,
 ) -> Solution:
     """Find the cheapest changes that meet a requirement, or the best within a budget.
 

@@ -20,6 +20,7 @@ from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent, within
 from ambinav.sensing.robot_radius import common_robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
@@ -34,7 +35,6 @@ from ambinav.studies.design.scanners.route_figures import (
 )
 
 Shares = tuple[ZoneShare, ...]
-Report = Callable[[float], None]
 
 PAIRS = 20
 """Routes that are sampled where none are given."""
@@ -176,7 +176,7 @@ def compare_scanners(
     costs: Costs | None = None,
     height: float = HEIGHT,
     store: bool | MapStore = True,
-    progress: Report | None = None,
+    progress: Progress = silent,
 ) -> ScannerTable:
     """Compare scanners in a building on the same floor and the same routes.
 
@@ -215,7 +215,6 @@ def compare_scanners(
     if costs is not None:
         remarks += costs.remarks(scanner.name for scanner in chosen)
     model = model or ErrorModel()
-    report = progress or (lambda share: None)
     if robot_radius is None:
         robot_radius = common_robot_radius(chosen)
     reach = find_reach(environment, robot_radius, start)
@@ -233,7 +232,7 @@ def compare_scanners(
     for done, scanner in enumerate(chosen):
 
         def part(share: float, done: int = done) -> None:
-            report((done + share) / len(chosen))
+            progress((done + share) / len(chosen))
 
         able, lacking = _layers_of(names, scanner, environment)
         try:
@@ -328,7 +327,7 @@ def _timed_map(
     environment: Environment,
     scanner: RangeScanner,
     store: bool | MapStore,
-    progress: Report,
+    progress: Progress,
     *,
     spacing: float,
     radius: float,
@@ -347,7 +346,7 @@ def _timed_map(
 
     amap = build_map(
         environment, scanner, spacing, radius, headings, map_std,
-        progress=lambda share: progress(share * (1.0 - _ROUTES_SHARE)), layers=layers,
+        progress=within(progress, 0.0, 1.0 - _ROUTES_SHARE), layers=layers,
         store=replace(own, before_build=before),
     )  # fmt: skip
     return amap, time.perf_counter() - began[0] if began else None

@@ -18,10 +18,11 @@ from ambinav.plotting.scanners import (
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import save_route
+from ambinav.runtime.progress import Progress, silent
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.scanners.compare import ScannerTable, bad_area
 from ambinav.studies.design.scanners.document import FORMAT, Document, document, table_csv
-from ambinav.studies.study import Content, Progress, Study
+from ambinav.studies.study import Content, Study
 
 TABLE: Final = "table.csv"
 BARS, MAPS, FRONTS = "scanners", "maps", "fronts"
@@ -35,10 +36,7 @@ STUDY: Final = Study(
 
 
 def write_report(
-    table: ScannerTable,
-    folder: str | Path,
-    progress: Progress | None = None,
-    image_format: str = "png",
+    table: ScannerTable, folder: str | Path, progress: Progress = silent, image_format: str = "png"
 ) -> Document:
     """Write a comparison, see `Study.write`; return what report.json holds.
 

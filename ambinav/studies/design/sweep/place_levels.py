@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +20,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.explored import explored
 from ambinav.studies.design.region import Places, Region
@@ -70,7 +71,7 @@ def place_levels(
     most_places: int = 0,
     rng: np.random.Generator,
     order: Sequence[int] | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    report: Progress = silent,
 ) -> PlaceLevels:
     """Compute the levels at the places of a region for several scanners.
 

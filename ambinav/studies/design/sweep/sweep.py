@@ -19,6 +19,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import HEADINGS
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.robot_radius import robot_radius as own_robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.region import Region
@@ -232,7 +233,7 @@ def sweep_scanner(
     start: Sequence[float] | None = None,
     places: int = PLACES,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
 ) -> SweepResult:
     """Vary a scanner and evaluate each setting in a region.
 
@@ -330,7 +331,7 @@ def sweep_scanner(
         most_places=places,
         rng=np.random.default_rng(seed),
         order=sorted(range(len(different)), key=lambda row: values[different[row]]),
-        report=progress or (lambda share: None),
+        report=progress,
     )
     summed = [
         figures(level, zone, levels.places.weight)
