@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from task_baselines import BASELINES, Baseline, Histogram
 
-from ambinav.logs.frames import between, compose
+from ambinav.geometry.frames import between, compose
 from ambinav.runtime.array_types import Bools
 from ambinav.sensing.casting import cast_beams
 from ambinav_envs.buildings.tasks import CostToGo, spread_from

@@ -23,10 +23,10 @@ from harness import arguments, data_file, kept_or_made, option, report, table
 
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.frames import between, compose
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.carmen import read_carmen
-from ambinav.logs.frames import between, compose
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.localize import SPARSE_SCANS, START_STD, localize
 from ambinav.logs.log import Log

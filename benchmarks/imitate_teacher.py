@@ -20,6 +20,7 @@ import torch
 from harness import ROOT, arguments
 from numpy.typing import NDArray
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav_envs.policies import save_policy
 from ambinav_envs.policies.corrected import FASTER, MOTION
 from ambinav_envs.training.config_file import load_training_config
@@ -44,7 +45,7 @@ def wanted(envs: TrainingEnvs, gone: Floats) -> Floats:
     """Return the teacher's corrections, shape (N, 2), for shares of the time, shape (N,)."""
     state = envs.simulation.state
     off = state["mean"] - state["truth"]
-    turned = np.abs((off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+    turned = np.abs(wrap_angles(off[:, 2]))
     error = np.maximum(np.hypot(off[:, 0], off[:, 1]) / METRES, turned / RADIANS)
     speed = np.log(np.clip(MOST - error, LEAST, MOST)) / np.log(FASTER)
     patience = np.clip((PATIENT[1] - gone) / (PATIENT[1] - PATIENT[0]), 0.0, 1.0)

@@ -22,8 +22,8 @@ from scipy.optimize import nnls
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.filter_kernel import between, filter_room, filter_step
 from ambinav.forecasting.forecast import Forecaster
-from ambinav.logs.frames import between as motion_between
-from ambinav.logs.frames import wrapped
+from ambinav.geometry.frames import between as motion_between
+from ambinav.geometry.frames import wrap_angles
 from ambinav.logs.localize import SPARSE_SCANS, START_STD, localize
 from ambinav.logs.log import Log
 from ambinav.logs.registration import register
@@ -72,7 +72,7 @@ def judged(case: Case, runs: int, seed: int) -> dict[str, Any]:
     so_far = ~np.logical_or.accumulate(replay.lost, axis=1)
     poses = log.required_poses()
     error = replay.estimates - poses
-    error[..., 2] = wrapped(error[..., 2])
+    error[..., 2] = wrap_angles(error[..., 2])
     inverse = np.linalg.inv(covariance[:, :2, :2])
     squares = np.einsum("rki,kij,rkj->rk", error[..., :2], inverse, error[..., :2])
     turns = np.abs(error[..., 2]) / np.sqrt(covariance[:, 2, 2])
@@ -104,7 +104,7 @@ def fitted_odometry(log: Log) -> OdometryNoise:
     steps, odometry = (motion_between(p[:-1], p[1:]) for p in (poses, log.odometry))
     metres, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     off = odometry - steps
-    off[:, 2] = wrapped(off[:, 2])
+    off[:, 2] = wrap_angles(off[:, 2])
     bias_distance = float(off[:, 0] @ steps[:, 0] / max(steps[:, 0] @ steps[:, 0], 1e-9))
     bias_turn = float(off[:, 2] @ metres / max(metres @ metres, 1e-9))
     along = off[:, 0] - bias_distance * steps[:, 0]

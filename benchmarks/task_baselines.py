@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
@@ -103,7 +104,7 @@ class Histogram(Policy):
         if self._wander:
             unsure = seen["uncertainty"][:, 0] > UNSURE
             target, look = np.where(unsure, 0.0, target), np.where(unsure[:, None], LOOK, look)
-        off = np.abs(_wrapped(self._angle - target[:, np.newaxis]))
+        off = np.abs(wrap_angles(self._angle - target[:, np.newaxis]))
         cost = off + BLOCKED * np.maximum(look - free, 0.0) / LOOK
         best = cost.argmin(axis=1)
         each = np.arange(len(best))
@@ -363,10 +364,6 @@ def baseline(name: str) -> Baseline:
         return BASELINES[name]
     policy = load_policy(name, None)
     return Baseline(f"policy {policy.name}", lambda parameters: policy, policy.seeing)
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 @kernel

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ambinav.drive.world import COLLIDED, OUTCOMES, REACHED
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 
 
@@ -65,7 +66,7 @@ class Drives:
     def errors(self) -> Floats:
         """Return estimate minus truth, (R, T, 3): metres, and radians within half a turn of 0."""
         out = self.estimate - self.truth
-        out[..., 2] = (out[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
+        out[..., 2] = wrap_angles(out[..., 2])
         return out
 
     def travelled(self) -> Floats:

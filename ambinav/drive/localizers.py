@@ -7,6 +7,7 @@ from typing import Protocol, cast
 import numpy as np
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints
 
 
@@ -118,9 +119,5 @@ def compose_motion(poses: Floats, before: Floats, after: Floats) -> Floats:
     dx, dy = (after - before)[:, :2].T
     heading = poses[:, 2] + after[:, 2] - before[:, 2]
     return np.column_stack(
-        [
-            poses[:, 0] + c * dx - s * dy,
-            poses[:, 1] + s * dx + c * dy,
-            (heading + np.pi) % (2.0 * np.pi) - np.pi,
-        ]
+        [poses[:, 0] + c * dx - s * dy, poses[:, 1] + s * dx + c * dy, wrap_angles(heading)]
     )

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ambinav.config import NonNegative, Number, check_fields
+from ambinav.geometry.frames import wrap_angles
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
 from ambinav.runtime.array_types import Floats
@@ -157,7 +158,7 @@ class OdometryNoise:
         noise = self.packed
         move = after - before
         trans = np.hypot(move[:, 0], move[:, 1])
-        turn = np.abs((move[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        turn = np.abs(wrap_angles(move[:, 2]))
         moving = trans > 0.0
         # Turning on the spot it slips along its heading, as `sample_odometry` has it.
         turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)

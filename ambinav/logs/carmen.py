@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.geometry.frames import between, compose, inverse
 from ambinav.logs.carmen_lines import Damage, Lines, Triple, read_lines
-from ambinav.logs.frames import between, compose, inverse
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError, InputWarning

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import read_text
-from ambinav.logs.frames import compose
+from ambinav.geometry.frames import compose
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError

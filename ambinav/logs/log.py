@@ -11,7 +11,7 @@ import numpy as np
 
 from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import compose, wrapped
+from ambinav.geometry.frames import compose, wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import CENTRE, Mount
@@ -221,7 +221,7 @@ class Log:
             )
         mine = self._mounts()
         apart = np.hypot(*(scanner.mounts[:, :2] - mine[:, :2]).T)
-        turned = np.abs(wrapped(scanner.mounts[:, 2] - mine[:, 2]))
+        turned = np.abs(wrap_angles(scanner.mounts[:, 2] - mine[:, 2]))
         bad = np.flatnonzero((apart > SAME_PLACE) | (turned > SAME_ANGLE))
         if len(bad):
             k = int(bad[0])

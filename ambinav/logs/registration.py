@@ -11,8 +11,8 @@ from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.frames import compose
 from ambinav.localization.likelihood_field import LikelihoodField
-from ambinav.logs.frames import compose
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.logs.frames import wrapped
+from ambinav.geometry.frames import wrap_angles
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
@@ -87,7 +87,7 @@ class Replay:
         Raises:
             InputError: the log has no poses.
         """
-        return wrapped(self.estimates[..., 2] - self.log.required_poses()[:, 2])
+        return wrap_angles(self.estimates[..., 2] - self.log.required_poses()[:, 2])
 
     @property
     def lost(self) -> Bools:
@@ -129,7 +129,7 @@ class Replay:
             c, s = math.cos(turn), math.sin(turn)
             track[:, 0] = c * x - s * y + poses[:, 0].mean()
             track[:, 1] = s * x + c * y + poses[:, 1].mean()
-            track[:, 2] = wrapped(track[:, 2] + turn)
+            track[:, 2] = wrap_angles(track[:, 2] + turn)
         return replace(self, estimates=moved)
 
     def errors(self, first: int = 0) -> ReplayErrors:
@@ -177,5 +177,5 @@ def replay(log: Log, localizer: Localizer, scanner: RangeScanner | None = None) 
         updated[:, k] = localizer.update(odometry, ranges)
         seconds += time.perf_counter() - begin
         estimates[:, k] = localizer.mean
-    estimates[..., 2] = wrapped(estimates[..., 2])
+    estimates[..., 2] = wrap_angles(estimates[..., 2])
     return Replay(log, estimates, updated, seconds)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.config import Positive, check_fields
+from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.steering import Steering, checked_poses
 from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.runtime.errors import InputError
@@ -104,7 +105,7 @@ class SpeedProfile:
         keep = np.append(np.diff(self.stamps) > 0.0, True)
         columns = [np.interp(times, self.stamps[keep], row) for row in self.poses[keep].T]
         out = np.column_stack(columns)
-        out[:, 2] = (out[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+        out[:, 2] = wrap_angles(out[:, 2])
         return out
 
     def integral(self, power: Callable[[Floats, Floats], ArrayLike]) -> float:
@@ -246,7 +247,7 @@ def _curvature(points: Floats, lengths: Floats, steering: Steering) -> Floats:
         return np.asarray(np.maximum(piece[:-1], piece[1:]))
     steps = np.diff(points[:, :2], axis=0)
     change = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
-    change = np.abs((change + np.pi) % (2.0 * np.pi) - np.pi)
+    change = np.abs(wrap_angles(change))
     metres = 0.5 * (lengths[:-1] + lengths[1:])
     return np.divide(change, metres, out=np.zeros_like(change), where=metres > 0.0)
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
@@ -66,7 +67,7 @@ def evaluate_route(
     levels = _levels(service, route)
     dense, _, along = steering.dense(route, service.map.spacing / PER_CELL)
     metres = np.diff(along)
-    turned = _wrapped(np.diff(dense[:, 2]))
+    turned = wrap_angles(np.diff(dense[:, 2]))
     middle = 0.5 * (dense[:-1] + dense[1:])
     middle[:, 2] = dense[:-1, 2] + 0.5 * turned
     codes = zone_codes(service.map, middle)
@@ -134,7 +135,7 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
         if after.steering != steering:
             raise InputError(f"routes[{k}] has another kind of motion; give routes of one kind.")
         apart = before.poses[-1] - after.poses[0]
-        apart[2] = 0.0 if steering.space == "r2" else _wrapped(apart[2])
+        apart[2] = 0.0 if steering.space == "r2" else wrap_angles(apart[2])
         if np.abs(apart).max() > JOINT:
             begins, ends = (
                 "({:g}, {:g}, {:g})".format(*pose) for pose in (after.start, before.goal)
@@ -220,10 +221,6 @@ def _longest_run(chosen: Bools, metres: Floats) -> float:
 def _up_to(parts: Floats) -> Floats:
     """Return running sums, from 0 on."""
     return np.concatenate([[0.0], np.cumsum(parts)])
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def _covariances(given: ArrayLike, count: int) -> Floats:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Floats, Indices
 
 TOLERANCE = 1e-6
@@ -76,6 +77,6 @@ def _invariant(yaw: Floats, n: int) -> bool:
     original = np.sort(yaw)
     for shift in (-1, 0, 1):
         difference = np.roll(turned, shift) - original
-        if np.all(np.abs((difference + math.pi) % TURN - math.pi) < TOLERANCE):
+        if np.all(np.abs(wrap_angles(difference)) < TOLERANCE):
             return True
     return False

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import wrapped
+from ambinav.geometry.frames import wrap_angles
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
@@ -89,7 +89,7 @@ def scan_pairs(
     pairs = index[np.concatenate([index_pairs, index_pairs[:, ::-1]])]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     apart = poses[pairs[:, 1], :2] - poses[pairs[:, 0], :2]
-    turned = wrapped(poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2])
+    turned = wrap_angles(poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2])
     distance = np.hypot(apart[:, 0], apart[:, 1])
     good = (distance >= nearest) & (np.abs(turned) <= turn)
     if good.any():

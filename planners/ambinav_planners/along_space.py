@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.curves import FACING, STRAIGHT
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
@@ -180,6 +181,6 @@ class SpaceMotions:
     def _steps(self, poses: Floats) -> int:
         """Return into how many parts the longest step must be divided; 1 if it is short enough."""
         moved = np.diff(poses, axis=0)
-        turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        turn = np.abs(wrap_angles(moved[:, 2]))
         longest = float(np.linalg.norm(moved[:, PLACE], axis=1).max()) / self._step
         return math.ceil(max(longest, float(turn.max()) / MOST_TURN) * (1.0 - 1e-9))

@@ -12,8 +12,8 @@ from shapely.affinity import rotate
 
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.frames import between, compose
 from ambinav.localization.random import states
-from ambinav.logs.frames import between, compose
 from ambinav.runtime.errors import InputError
 from ambinav_envs import NavigationEnv, NavigationVectorEnv
 from ambinav_envs.buildings.aliases import APART, Aliases, hypotheses

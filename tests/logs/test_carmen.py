@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from ambinav.geometry.frames import between, compose
 from ambinav.logs.carmen import read_carmen
-from ambinav.logs.frames import between, compose
 from ambinav.runtime.errors import InputError, InputWarning
 from tests.logs.logs import flaser, odom, robotlaser, write
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.export import load_tum, save_carmen, save_tum
-from ambinav.logs.frames import wrapped
 from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
 
@@ -38,7 +38,7 @@ def test_tum_round_trip(tmp_path_factory, poses):
     back_time, back = load_tum(path)
     np.testing.assert_array_equal(back_time, time)
     np.testing.assert_array_equal(back[:, :2], np.array(poses)[:, :2])
-    np.testing.assert_allclose(wrapped(back[:, 2] - np.array(poses)[:, 2]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(wrap_angles(back[:, 2] - np.array(poses)[:, 2]), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

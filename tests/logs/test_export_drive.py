@@ -13,12 +13,12 @@ import shapely
 import ambinav as an
 from ambinav.drive.drive import drive_route
 from ambinav.drive.robot import Robot
+from ambinav.geometry.frames import wrap_angles
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.export import load_tum
 from ambinav.logs.export_drive import drive_log, export_drive
-from ambinav.logs.frames import wrapped
 from ambinav.logs.replay import replay
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -89,7 +89,7 @@ def test_the_log_of_a_drive_replays_with_the_same_result(tmp_path, house, scanne
     found = replay(log, localizer, scanner)
     expected = drives.estimate[RUN, :n]
     np.testing.assert_array_equal(found.estimates[RUN, :, :2], expected[:, :2])
-    np.testing.assert_allclose(found.estimates[RUN, :, 2], wrapped(expected[:, 2]), atol=1e-12)
+    np.testing.assert_allclose(found.estimates[RUN, :, 2], wrap_angles(expected[:, 2]), atol=1e-12)
     np.testing.assert_array_equal(found.updated[RUN], drives.updated[RUN, :n])
 
 
@@ -105,7 +105,7 @@ def test_trajectories_and_table(tmp_path, house):
         np.testing.assert_array_equal(rows[:, 0], drives.time[:n])
         np.testing.assert_array_equal(rows[:, 1:3], track[RUN, :n, :2])
         heading = load_tum(tmp_path / name)[1][:, 2]
-        np.testing.assert_allclose(wrapped(heading - track[RUN, :n, 2]), 0.0, atol=1e-12)
+        np.testing.assert_allclose(wrap_angles(heading - track[RUN, :n, 2]), 0.0, atol=1e-12)
     with (tmp_path / "drive.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == n

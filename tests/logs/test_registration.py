@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.logs.frames import between, compose
+from ambinav.geometry.frames import between, compose
 from ambinav.logs.registration import register
 from ambinav.runtime.errors import InputError
 from tests.logs.logs import room

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambinav.logs.frames import between, compose
+from ambinav.geometry.frames import between, compose
 from ambinav.logs.replay import replay
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from ambinav.buildings.load import load_environment
+from ambinav.geometry.frames import between
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.logs.carmen import read_carmen
-from ambinav.logs.frames import between
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.localize import SPARSE_SCANS, localize
 from ambinav.logs.registration import register

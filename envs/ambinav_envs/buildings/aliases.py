@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ambinav.geometry.frames import between, compose, wrap_angles
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.aliasing.settle import settle
 from ambinav.layers.context import LayerContext
 from ambinav.localization.random import uniform
-from ambinav.logs.frames import between, compose, wrapped
 from ambinav.runtime.array_types import Bools, Floats, UInts
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import MARGIN
@@ -94,7 +94,7 @@ class Aliases:
         if not len(self.poses):
             return None
         off = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
-        turn = 0.0 if self.turns else np.abs(wrapped(self.poses[:, 2] - pose[2]))
+        turn = 0.0 if self.turns else np.abs(wrap_angles(self.poses[:, 2] - pose[2]))
         nearest = int(np.argmin(off + turn))
         if off[nearest] > APART:
             return None

@@ -12,9 +12,10 @@ from typing import Final
 import numpy as np
 
 from ambinav.drive.robot import Robot
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Floats
 from ambinav_envs.policies.reactive.arcs import free_lengths, room_around, stopping_speed
-from ambinav_envs.policies.reactive.echoes import nearest_by_direction, wrapped
+from ambinav_envs.policies.reactive.echoes import nearest_by_direction
 from ambinav_envs.policies.reactive.parameters import DwaParameters
 from ambinav_envs.policies.reactive.situation import Situation
 
@@ -84,7 +85,7 @@ class Dwa:
         chord = driven * np.sinc(0.5 * turned / math.pi)
         px = (now.distance * np.cos(now.bearing))[:, None] - chord * np.cos(0.5 * turned)
         py = (now.distance * np.sin(now.bearing))[:, None] - chord * np.sin(0.5 * turned)
-        off = np.abs(wrapped(np.arctan2(py, px) - turned))
+        off = np.abs(wrap_angles(np.arctan2(py, px) - turned))
         score = (
             own.heading * (1.0 - off / math.pi)
             + own.clearance * clearance

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.sensing.scanner import RangeScanner
 
@@ -48,7 +49,7 @@ class ScanPoints:
         self._near = np.array([sensor.min_range for sensor in sensors])
         half = np.array([0.5 * sensor.aperture for sensor in sensors]) + MARGIN
         directions = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS)
-        apart = np.abs(wrapped(directions[:, None] - scanner.mounts[:, 2]))
+        apart = np.abs(wrap_angles(directions[:, None] - scanner.mounts[:, 2]))
         self._seen = np.asarray((apart <= half).any(axis=1))
         self.all_around = bool(self._seen.all())
 
@@ -96,12 +97,6 @@ def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
     near_x = np.where(nearest >= 0, x[rows, nearest], np.inf)
     near_y = np.where(nearest >= 0, y[rows, nearest], np.inf)
     return near_x, near_y
-
-
-def wrapped(angle: Floats) -> Floats:
-    """Wrap angles to [-pi, pi), radians."""
-    full_turn = 2.0 * math.pi
-    return np.asarray((angle + math.pi) % full_turn - math.pi, dtype=np.float64)
 
 
 def _offsets(aperture: float) -> Floats:

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest, digest_of
@@ -20,7 +21,7 @@ from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.policies.reactive.dwa import Dwa
-from ambinav_envs.policies.reactive.echoes import ScanPoints, nearest_by_direction, wrapped
+from ambinav_envs.policies.reactive.echoes import ScanPoints, nearest_by_direction
 from ambinav_envs.policies.reactive.memory import EchoFilter, EchoMemory
 from ambinav_envs.policies.reactive.pace import Pace
 from ambinav_envs.policies.reactive.parameters import DwaParameters, VfhParameters
@@ -188,7 +189,7 @@ class ReactivePolicy(Policy):
         bearing = np.arctan2(sine, cosine)
         if swing is not None:
             turned_to = bearing + swing
-            bearing = np.where(np.abs(turned_to) > math.pi, wrapped(turned_to), turned_to)
+            bearing = np.where(np.abs(turned_to) > math.pi, wrap_angles(turned_to), turned_to)
         now = Situation(x, y, 10.0 * distance, bearing, speed, rate, turned, starts, limit)
         want = self._steering.command(now)
         return np.clip(by_filter(want, observations, self._parameters), -1.0, 1.0)

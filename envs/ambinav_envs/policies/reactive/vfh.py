@@ -13,9 +13,10 @@ import math
 import numpy as np
 
 from ambinav.drive.robot import Robot
+from ambinav.geometry.frames import wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav_envs.policies.reactive.arcs import free_lengths, room_around, stopping_speed
-from ambinav_envs.policies.reactive.echoes import nearest_by_direction, wrapped
+from ambinav_envs.policies.reactive.echoes import nearest_by_direction
 from ambinav_envs.policies.reactive.parameters import VfhParameters
 from ambinav_envs.policies.reactive.situation import Situation
 
@@ -42,7 +43,7 @@ class Vfh:
         """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2)."""
         self._remember(now)
         x, y = nearest_by_direction(now.x, now.y, 2 * self._parameters.sectors)
-        sectors = wrapped(self._sectors - self._turned[:, None])
+        sectors = wrap_angles(self._sectors - self._turned[:, None])
         blocked = self._binary(x, y, sectors, now)
         masked = blocked | self._unreachable(x, y, sectors, now.speed)
         # Where none is within the turning circles the robot stops and turns on the spot.
@@ -126,18 +127,18 @@ class Vfh:
         middle = (before == after) | (before == after + 1)
         edge = (before == half) | (after == half)
         inside = (before >= half) & (after >= half)
-        at_target = np.abs(wrapped(sectors - now.bearing[:, None])).argmin(axis=1)
+        at_target = np.abs(wrap_angles(sectors - now.bearing[:, None])).argmin(axis=1)
         target = np.arange(count) == at_target[:, None]
         candidate = ~blocked & np.where(wide, edge | (target & inside), middle)
         # The middle of an even number of sectors lies between two; the target's own direction is
         # not that of the middle of its sector.
         between = np.where(wide, 0.0, 0.5 * (after - before) * (2.0 * math.pi / count))
-        angle = np.where(target & inside, now.bearing[:, None], wrapped(sectors + between))
+        angle = np.where(target & inside, now.bearing[:, None], wrap_angles(sectors + between))
         previous = (self._steered - self._turned)[:, None]
         cost = (
-            own.target * np.abs(wrapped(angle - now.bearing[:, None]))
+            own.target * np.abs(wrap_angles(angle - now.bearing[:, None]))
             + own.heading * np.abs(angle)
-            + own.previous * np.abs(wrapped(angle - previous))
+            + own.previous * np.abs(wrap_angles(angle - previous))
         )
         best = np.where(candidate, cost, np.inf).argmin(axis=1)
         return np.asarray(np.take_along_axis(angle, best[:, None], axis=1)[:, 0])

@@ -32,7 +32,7 @@ def between(first: ArrayLike, second: ArrayLike) -> Floats:
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
-    return np.stack([c * dx + s * dy, c * dy - s * dx, wrapped(b[..., 2] - a[..., 2])], axis=-1)
+    return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angles(b[..., 2] - a[..., 2])], axis=-1)
 
 
 def inverse(pose: ArrayLike) -> Floats:
@@ -43,6 +43,6 @@ def inverse(pose: ArrayLike) -> Floats:
     return np.stack([-c * x - s * y, s * x - c * y, -p[..., 2]], axis=-1)
 
 
-def wrapped(angle: ArrayLike) -> Floats:
+def wrap_angles(angle: ArrayLike) -> Floats:
     """Return the same angles in [-pi, pi)."""
     return (np.asarray(angle, dtype=np.float64) + math.pi) % (2.0 * math.pi) - math.pi

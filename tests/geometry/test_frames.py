@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ambinav.logs.frames import between, compose, inverse, wrapped
+from ambinav.geometry.frames import between, compose, inverse, wrap_angles
 
 pose = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.0, 3.0))
 
@@ -28,5 +28,5 @@ def test_arrays_broadcast():
     assert compose(many, (1.0, 0.0, 0.0)).shape == (4, 5, 3)
     np.testing.assert_allclose(between(many, many), 0.0, atol=1e-12)
     np.testing.assert_allclose(
-        wrapped([math.pi, -math.pi, 4.0]), [-math.pi, -math.pi, 4 - math.tau]
+        wrap_angles([math.pi, -math.pi, 4.0]), [-math.pi, -math.pi, 4 - math.tau]
     )
