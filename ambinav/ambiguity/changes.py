@@ -14,9 +14,7 @@ from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.border_cover import repeated, row_keys
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments, edges_of
-from ambinav.runtime.array_types import Bools, Floats
-
-Box = tuple[float, float, float, float]
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 # An edge around everything, metres.
 EVERYWHERE = np.array([[-1e8, -1e8, 1e8, 1e8]])
@@ -60,7 +58,7 @@ class Changes:
             edges += _in_space(old.space, new.space) if old.floor == new.floor else [EVERYWHERE]
         return cls(removed, added, np.concatenate(edges))
 
-    def boxes(self, margin: float) -> list[Box]:
+    def boxes(self, margin: float) -> list[Bounds]:
         """Return boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
 
         They do not meet each other, and each region that is free in one building alone lies in one
@@ -71,7 +69,7 @@ class Changes:
         return merged(np.hstack([low, high]))
 
 
-def merged(boxes: Floats) -> list[Box]:
+def merged(boxes: Floats) -> list[Bounds]:
     """Merge boxes, shape (N, 4), that meet into their bounding box, until none do."""
     while True:
         parts = shapely.get_parts(shapely.union_all(shapely.box(*boxes.T)))

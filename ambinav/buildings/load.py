@@ -51,15 +51,6 @@ def load_environment(
         InputError: the file cannot be used; the message says why.
     """
     return read(
-        path,
-        level=level,
-        unit=unit,
-        tolerance=tolerance,
-        gap=gap,
-        height=height,
-        doors=doors,
-        glass=glass,
-        furniture=furniture,
-        layers=layers,
-        in_space=in_space,
-    )
+        path, level=level, unit=unit, tolerance=tolerance, gap=gap, height=height, doors=doors,
+        glass=glass, furniture=furniture, layers=layers, in_space=in_space,
+    )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.segments import FRONTIER, GLASS, REFLECTOR, WALL, Segments
+from ambinav.geometry.segments import FRONTIER, GLASS, REFLECTOR, WALL, Segments, pieces_of
 from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError, InputWarning
 
@@ -115,7 +115,7 @@ def environment_from_shapes(
         )
     free = parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
     rings = [ring for p in parts for ring in (p.exterior, *p.interiors)]
-    edges = np.concatenate([_pairs(ring) for ring in rings])
+    edges = np.concatenate([pieces_of(ring) for ring in rings])
     for k, line in enumerate(opening_list):
         if not len(_split(edges, _around(line))[1]):
             raise InputError(
@@ -274,12 +274,6 @@ def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometr
     return parts
 
 
-def _pairs(line: BaseGeometry) -> Floats:
-    """Return the straight pieces of one line, shape (n, 4)."""
-    points = shapely.get_coordinates(line)
-    return np.hstack([points[:-1], points[1:]])
-
-
 def _start(line: BaseGeometry) -> str:
     x, y = shapely.get_coordinates(line)[0]
     return f"({x:g}, {y:g})"
@@ -363,7 +357,7 @@ def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> Floats:
     border = free.boundary
     # Union with the border parts the walls where they reach it.
     noded = _parts(shapely.union_all([*walls, border]), shapely.LineString)
-    pieces = np.concatenate([_pairs(line) for line in noded])
+    pieces = np.concatenate([pieces_of(line) for line in noded])
     middle = shapely.points(0.5 * (pieces[:, :2] + pieces[:, 2:]))
     shapely.prepare(free)
     inside = shapely.contains(free, middle) & (shapely.distance(border, middle) > NEAR)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ambinav.casting.plane.raycast import cast_one
 from ambinav.geometry.environment import Environment
-from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints32
+from ambinav.runtime.array_types import Bools, Bounds, Bytes, Floats, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
@@ -192,3 +192,10 @@ def _link_back(rows_columns, index, steps, links):
             if links[i] & (1 << k):
                 j = index[rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]]
                 links[j] |= 1 << (k + 4)
+
+
+def slices_in(bounds: Bounds, x: Floats, y: Floats) -> tuple[slice, slice]:
+    """Return the rows and columns of the lattice with axes x and y, metres, within bounds."""
+    columns = slice(int(np.searchsorted(x, bounds[0])), int(np.searchsorted(x, bounds[2], "right")))
+    rows = slice(int(np.searchsorted(y, bounds[1])), int(np.searchsorted(y, bounds[3], "right")))
+    return rows, columns

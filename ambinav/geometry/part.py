@@ -19,9 +19,7 @@ from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, Segments
-from ambinav.runtime.array_types import Bytes, Floats, Indices, Ints32
-
-Box = tuple[float, float, float, float]
+from ambinav.runtime.array_types import Bounds, Bytes, Floats, Indices, Ints32
 
 
 class EnvironmentPart(Environment):
@@ -127,11 +125,11 @@ class PartCutter:
             corners.max(axis=1),
         )
 
-    def meets(self, box: Box) -> bool:
+    def meets(self, box: Bounds) -> bool:
         """Return whether a triangle of the floor may lie in a box."""
         return bool(len(self._within(box)))
 
-    def _near(self, box: Box) -> tuple[Indices, Indices]:
+    def _near(self, box: Bounds) -> tuple[Indices, Indices]:
         """Return triangles and segments that may lie in the rows of a box, ascending.
 
         Boxes come row by row: those of a band are kept, not to look through all for each box.
@@ -146,13 +144,13 @@ class PartCutter:
         assert self._band is not None
         return self._band[2], self._band[3]
 
-    def _within(self, box: Box) -> Indices:
+    def _within(self, box: Bounds) -> Indices:
         near, _ = self._near(box)
         return near[
             (self.low[near] <= box[2:]).all(axis=1) & (self.high[near] >= box[:2]).all(axis=1)
         ]
 
-    def part(self, box: Box, footprints: Box | None = None) -> EnvironmentPart | None:
+    def part(self, box: Bounds, footprints: Bounds | None = None) -> EnvironmentPart | None:
         """Return the part of the building in a box; None if no floor lies there.
 
         Args:
@@ -198,7 +196,7 @@ class PartCutter:
         )
 
 
-def _solid(box: Box) -> EnvironmentPart:
+def _solid(box: Bounds) -> EnvironmentPart:
     """Return a part in which no body fits: a sliver of floor, far away."""
     xmin, ymin, _, _ = box
     away = np.array([xmin, ymin]) - 1e6

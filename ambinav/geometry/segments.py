@@ -113,6 +113,12 @@ def edges_of(shape: BaseGeometry) -> Floats:
     return edges
 
 
+def pieces_of(line: BaseGeometry) -> Floats:
+    """Return the straight pieces of a line, ring or polygon without holes, shape (N, 4)."""
+    points = shapely.get_coordinates(line)
+    return np.hstack([points[:-1], points[1:]])
+
+
 def moved(shape: BaseGeometry, angle: float, dx: float, dy: float) -> BaseGeometry:
     """Turn a shape about the origin by `angle` radians, then shift by (dx, dy) metres."""
     turned = affinity.rotate(shape, angle, origin=(0.0, 0.0), use_radians=True)

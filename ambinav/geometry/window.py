@@ -11,10 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.edit import ON_BORDER, polygons_of
 from ambinav.geometry.segments import FRONTIER, Segments, edges_of
-from ambinav.runtime.array_types import Bools, Floats
-
-Bounds = tuple[float, float, float, float]
-"""xmin, ymin, xmax, ymax, metres."""
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 
 class Windowed(NamedTuple):

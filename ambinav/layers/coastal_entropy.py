@@ -54,6 +54,7 @@ import numpy as np
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
+from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.reach import reach
 from ambinav.ambiguity.returns import BeamTable, beam_returns
@@ -157,7 +158,7 @@ def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[st
         table.limit, inverse_cap, table.use, model.tau,
         (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2,
     )  # fmt: skip
-    offsets = _disc(steps, model.radius / lattice.spacing)
+    offsets = disc(model.radius, lattice.spacing)
     results = np.empty((len(context.headings), len(context.points[0]), 2), dtype=np.float32)
     for h in range(len(context.headings)):
         links = context.links(h)
@@ -174,14 +175,6 @@ def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[st
             )  # fmt: skip
     entropy, gain = (context.spread(values) for values in np.ascontiguousarray(results.T))
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
-
-
-def _disc(steps: int, radius: float) -> Ints:
-    """Return row and column steps within a radius in steps, shape (N, 2)."""
-    axis = np.arange(-steps, steps + 1)
-    rows, columns = (axis_grid.ravel() for axis_grid in np.meshgrid(axis, axis, indexing="ij"))
-    near = rows**2 + columns**2 <= radius**2 * (1 + 1e-9)
-    return np.stack([rows[near], columns[near]], axis=1)
 
 
 def _quarters(context: LayerContext, heading: int, part: slice) -> tuple[Floats32, Ints32]:

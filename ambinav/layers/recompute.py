@@ -7,19 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import slices_in
 from ambinav.layers.build import layered, layers_for
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.array_types import Floats
-
-Box = tuple[float, float, float, float]
+from ambinav.runtime.array_types import Bounds
 
 # If more of the lattice is near a change, a layer is computed in full.
 MOST = 0.5
@@ -40,7 +38,7 @@ class Changed:
     old: AmbiguityMap
     new: AmbiguityMap
     environment: Environment
-    boxes: Callable[[float], Sequence[Box]]
+    boxes: Callable[[float], Sequence[Bounds]]
     taken: Callable[[NDArray[Any]], NDArray[Any]]
 
     def with_layers(self) -> AmbiguityMap:
@@ -80,7 +78,7 @@ class Changed:
             reach = layer.reach(context, **options) + spacing
         x, y = dataset["x"].values, dataset["y"].values
         boxes = self.boxes(reach)
-        inner = [_slices(box, x, y) for box in boxes]
+        inner = [slices_in(box, x, y) for box in boxes]
         cells = sum((r.stop - r.start) * (c.stop - c.start) for r, c in inner)
         if cells > MOST * context.free.size:
             return None
@@ -90,7 +88,7 @@ class Changed:
         for box, (rows, columns) in zip(boxes, inner, strict=True):
             pad = radius + spacing
             around = (box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad)
-            wide_rows, wide_columns = _slices(around, x, y)
+            wide_rows, wide_columns = slices_in(around, x, y)
             crop = dataset.isel(y=wide_rows, x=wide_columns)
             if not crop["free"].values.any():
                 continue
@@ -110,9 +108,3 @@ class Changed:
             name: xr.DataArray(values, dims=old[name].dims, attrs=old[name].attrs)
             for name, values in merged.items()
         }
-
-
-def _slices(box: Box, x: Floats, y: Floats) -> tuple[slice, slice]:
-    """Return rows and columns of the lattice in a box."""
-    columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
-    return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

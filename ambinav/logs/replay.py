@@ -5,32 +5,16 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
+from ambinav.drive.localizers import Localizer
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.geometry.frames import wrap_angles
 from ambinav.logs.log import Log
-from ambinav.runtime.array_types import Bools, Floats, Floats32
+from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-
-
-class Localizer(Protocol):
-    """Localizer through which a log is replayed: R runs at once, started by the caller."""
-
-    @property
-    def mean(self) -> Floats:
-        """Estimated pose of each run's robot now, shape (R, 3), map frame.
-
-        Where the last scan was not used, odometry has carried the estimate on.
-        """
-        ...
-
-    def update(self, odometry: Floats, ranges: Floats32) -> Bools:
-        """Take odometry poses (R, 3) and scans (R, B); return which runs were updated, (R,)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,14 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ambinav.ambiguity.changes import Box, Changes
+from ambinav.ambiguity.changes import Changes
 from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
 from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.lattice import Lattice, slices_in
 from ambinav.layers.context import LayerContext
 from ambinav.map_building.build import reporter
 from ambinav.map_building.frame import Frame
@@ -43,7 +43,7 @@ from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.part import is_part
 from ambinav.maps.zones import NOT_FREE
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress, within
 from ambinav.sensing.scanner import RangeScanner
@@ -229,7 +229,7 @@ class _Update:
         offset = float(np.hypot(*context.full_scanner.mounts[:, :2].T).max())
         margin = offset + context.model.robot_radius + SLACK
         for box in self.boxes(margin):
-            rows, columns = _cells(box, x, y)
+            rows, columns = slices_in(box, x, y)
             window = self.window(box, margin)
             here = possible[rows, columns]
             here[:] = False
@@ -243,7 +243,7 @@ class _Update:
             )
         return possible
 
-    def boxes(self, margin: float) -> list[Box]:
+    def boxes(self, margin: float) -> list[Bounds]:
         """Return boxes around all changes, with a margin, metres; one if there are many."""
         ends = self.changes.edges.reshape(-1, 2)
         if len(ends) <= 2 * MOST_LINES:
@@ -263,19 +263,19 @@ class _Update:
         reach = self.seen.reach + SLACK
         in_reach = np.zeros_like(stale)
         for box in self.boxes(reach):
-            in_reach[_cells(box, x, y)] = True
+            in_reach[slices_in(box, x, y)] = True
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)
         near = PARTED * self.spacing
         for box in self.boxes(near):
-            rows, columns = _cells(box, x, y)
+            rows, columns = slices_in(box, x, y)
             xs, ys = np.meshgrid(x[columns], y[rows])
             stale[rows, columns] |= shapely.dwithin(edges, shapely.points(xs, ys), near)
         row, column = np.nonzero(in_reach & free & ~stale)
         stale[row, column] = self.seen.by(x[column], y[row])
         return stale
 
-    def window(self, box: Box, margin: float) -> Environment | None:
+    def window(self, box: Bounds, margin: float) -> Environment | None:
         """Return the building in a box with a margin, metres; None where no free space is."""
         around = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
         return self.env.window(around, footprints=self.context.model.robot_radius > 0.0)
@@ -381,9 +381,3 @@ def _scanner_of(text: str) -> RangeScanner:
 def _empty(name: str) -> float:
     """Return the fill value of a layer."""
     return NOT_FREE if schema.base_name(name) == "zone" else np.nan
-
-
-def _cells(box: Box, x: Floats, y: Floats) -> tuple[slice, slice]:
-    """Return rows and columns of the lattice in a box."""
-    columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
-    return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

@@ -16,12 +16,12 @@ import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.geometry.collision.reach import Box, FitsNowhereError, Reach, frontier_lines, reach_of
+from ambinav.geometry.collision.reach import FitsNowhereError, Reach, frontier_lines, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED
-from ambinav.runtime.array_types import Bools, Bytes, Floats
+from ambinav.runtime.array_types import Bools, Bounds, Bytes, Floats
 from ambinav.runtime.errors import InputError
 
 LAYER: Final = "judged"
@@ -179,7 +179,7 @@ class FloorJudge:
             return cls(None, radius, *frontier_lines(environment))
         return cls.of(environment, reach)
 
-    def changed(self, environment: Environment, boxes: Sequence[Box]) -> FloorJudge:
+    def changed(self, environment: Environment, boxes: Sequence[Bounds]) -> FloorJudge:
         """Judge the floor of a building that differs from the present one only in boxes.
 
         Args:

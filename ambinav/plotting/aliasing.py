@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
-from ambinav.plotting.floor import Bounds, FloorFigure, Pixels, label_points, rgba_bytes
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.plotting.floor import FloorFigure, Pixels, label_points, rgba_bytes
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 DARK, PALE = 0.6, 0.25
 """Share of the colour in a place, and in what it is aliased with."""

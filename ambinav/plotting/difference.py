@@ -21,7 +21,6 @@ from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.floor import (
-    Bounds,
     FloorFigure,
     colour_patch,
     label_points,
@@ -31,7 +30,7 @@ from ambinav.plotting.floor import (
     view,
 )
 from ambinav.plotting.maps import paint_zones
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 LEAST_SCALE: Final = 0.1
 """Smallest change in level at the ends of the scale: noise stays pale."""

@@ -32,9 +32,8 @@ from ambinav.plotting.canvas import fit, new_figure, root_figure
 from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
-Bounds = tuple[float, float, float, float]
 Pixels = NDArray[np.uint8]
 Heading = str | float
 

@@ -20,9 +20,9 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
-from ambinav.plotting.floor import Bounds, FloorFigure, colour_patch, unexplored_patch
+from ambinav.plotting.floor import FloorFigure, colour_patch, unexplored_patch
 from ambinav.plotting.maps import paint_zone_codes
-from ambinav.runtime.array_types import Bytes, Floats, Ints
+from ambinav.runtime.array_types import Bounds, Bytes, Floats, Ints
 
 LONGEST: Final = 9.0
 """Inches of the longer side of a picture, about."""

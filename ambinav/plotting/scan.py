@@ -19,8 +19,8 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
-from ambinav.plotting.floor import Bounds, FloorFigure
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.plotting.floor import FloorFigure
+from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 Point = tuple[float, float]
 

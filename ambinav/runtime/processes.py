@@ -10,8 +10,9 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from ambinav.runtime.errors import InputWarning
 
@@ -44,6 +45,48 @@ def putting_signals_off() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for received in dict.fromkeys(delayed):
             signal.raise_signal(received)
+
+
+class ChildProcess:
+    """A process and the connection to it.
+
+    Args:
+        method: How it starts: "fork", or fresh by "spawn" or "forkserver", as numba's threads do
+            not survive a fork.
+        target: What it runs, given its end of the connection and `args`; it calls `begin_worker`.
+        args: Further arguments.
+
+    Attributes:
+        line: This end of the connection.
+        process: The process.
+    """
+
+    def __init__(self, method: str, target: Callable[..., None], *args: Any) -> None:
+        context = multiprocessing.get_context(method)
+        self.line, theirs = context.Pipe()
+        self._lock, self._is_ended = threading.Lock(), False
+        # Every context has it, though the stubs do not say so of their base class.
+        self.process = context.Process(target=target, args=(theirs, *args), daemon=True)  # type: ignore[attr-defined]
+        with putting_signals_off():
+            self.process.start()
+        theirs.close()
+
+    def kill(self) -> None:
+        """Kill the process; `end` must still be called."""
+        with self._lock:
+            if not self._is_ended:
+                self.process.kill()
+
+    def end(self) -> None:
+        """Kill the process, busy or not, and wait for its end; further calls do nothing."""
+        with self._lock:
+            if self._is_ended:
+                return
+            self.process.kill()
+            self.process.join()
+            self.line.close()
+            self.process.close()
+            self._is_ended = True
 
 
 def begin_worker() -> None:

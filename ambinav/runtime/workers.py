@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.processes import begin_worker, putting_signals_off
+from ambinav.runtime.processes import ChildProcess, begin_worker, putting_signals_off
 from ambinav.runtime.work_queue import Done, Task, Work, WorkQueue
 
 
@@ -42,8 +42,7 @@ def do_in_processes(queue: WorkQueue[Task, Done], work: Work[Task, Done], count:
         while True:
             # Start all of them first, as a process must run before it is sent a task.
             while len(workers) < min(count, queue.total):
-                with putting_signals_off():
-                    workers.append(_Worker(work))
+                workers.append(_Worker(work))
             for active in workers:
                 if active.task is None and (task := queue.take()) is not None:
                     active.task = task
@@ -70,24 +69,12 @@ def do_in_processes(queue: WorkQueue[Task, Done], work: Work[Task, Done], count:
             active.end()
 
 
-class _Worker:
+class _Worker(ChildProcess):
     """Process, the connection to it, and its present task."""
 
     def __init__(self, work: Work[Any, Any]) -> None:
+        super().__init__("forkserver", _serve, work)
         self.task: Any = None
-        # Not forked from this process, as numba's threads do not survive a fork.
-        context = multiprocessing.get_context("forkserver")
-        self.line, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-        self.process.start()
-        theirs.close()
-
-    def end(self) -> None:
-        """End the process at once: the task that it was doing counts as not done."""
-        self.process.kill()
-        self.process.join()
-        self.line.close()
-        self.process.close()
 
 
 def _serve(line: Connection, work: Work[Any, Any]) -> None:

@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.routes.evaluate import PER_CELL, zone_codes
-from ambinav.runtime.array_types import Bools, Floats, Indices, Ints32
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints32, Pose
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.problem import Pose, Problem
+from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.alternatives import LEAST

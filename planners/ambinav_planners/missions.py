@@ -21,11 +21,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
-from ambinav.runtime.array_types import Floats
+from ambinav.runtime.array_types import Floats, Pose
 from ambinav.runtime.errors import InputError
 from ambinav_planners.one_way import legal_part
 from ambinav_planners.planning import NotFoundError, RoutePlanner
-from ambinav_planners.problem import Pose, check_pose
+from ambinav_planners.problem import check_pose
 from ambinav_planners.search.cheapest_cycle import cheapest_cycle
 from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.reachability import check_reachable

@@ -18,14 +18,12 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import OPEN
-from ambinav.runtime.array_types import Bools, Floats
+from ambinav.runtime.array_types import Bools, Floats, Pose
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.search.limit import BadStretchLimit
-
-Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)

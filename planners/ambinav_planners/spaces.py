@@ -9,10 +9,8 @@ from typing import Any
 from ompl import base as ob
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.array_types import Bounds, Pose
 from ambinav.runtime.errors import InputError
-
-Bounds = tuple[float, float, float, float]
-Pose = tuple[float, float, float]
 
 
 def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:

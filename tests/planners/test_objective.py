@@ -16,13 +16,14 @@ from scipy.ndimage import map_coordinates
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.array_types import Pose
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.ompl_setup import Setup, Watch, prepare
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.registry import Budget, planner
-from ambinav_planners.spaces import Pose, make_space, new_state, pose_reader
+from ambinav_planners.spaces import make_space, new_state, pose_reader
 
 SPACES = [
     Steering(), Steering("se2"), Steering("dubins", 0.5), Steering("reeds-shepp", 0.5)

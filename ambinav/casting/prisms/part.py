@@ -16,10 +16,8 @@ from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.prisms.cast import PrismCaster
 from ambinav.casting.prisms.kernel import PrismArrays
 from ambinav.casting.prisms.prisms import Prisms
-from ambinav.runtime.array_types import Bytes, Floats, Ints, Ints32
+from ambinav.runtime.array_types import Bounds, Bytes, Floats, Ints, Ints32
 
-Box = tuple[float, float, float, float]
-# No triangle of the plan is near: use one in which no ray starts.
 FAR_AWAY = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) - 1e9
 
 
@@ -98,7 +96,7 @@ class PrismPart(PrismCaster):
         return None if triangles is None else Triangulation.from_triangles(triangles)
 
 
-def part_of(prisms: Prisms, box: Box) -> PrismPart:
+def part_of(prisms: Prisms, box: Bounds) -> PrismPart:
     """Return the surfaces that rays within a box can meet.
 
     Args:
@@ -143,7 +141,7 @@ def part_of(prisms: Prisms, box: Box) -> PrismPart:
     )
 
 
-def _near(scene: PrismArrays, box: Box) -> Ints:
+def _near(scene: PrismArrays, box: Bounds) -> Ints:
     """Return the indices of the cells that touch a box, and of their neighbours, ascending."""
     low = (np.array(box[:2]) - (scene.x0, scene.y0)) // scene.cell - 1
     high = (np.array(box[2:]) - (scene.x0, scene.y0)) // scene.cell + 1

@@ -26,10 +26,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import FRONTIER
-from ambinav.runtime.array_types import Bools
+from ambinav.runtime.array_types import Bools, Bounds
 from ambinav.runtime.errors import InputError, InputWarning
-
-Box = tuple[float, float, float, float]
 
 ROBOT_RADIUS: Final = 0.2
 """Radius in metres if neither the caller nor the scanner gives the size of the robot."""
@@ -115,7 +113,7 @@ def reach_of(
     environment: Environment,
     radius: float,
     start: Sequence[float] | None = None,
-    before: tuple[BaseGeometry, Sequence[Box]] | None = None,
+    before: tuple[BaseGeometry, Sequence[Bounds]] | None = None,
 ) -> Reach:
     """Find the floor that a disc can reach.
 
@@ -145,7 +143,7 @@ def _reach_of(
     environment: Environment,
     radius: float,
     start: Sequence[float] | None,
-    before: tuple[BaseGeometry, Sequence[Box]] | None,
+    before: tuple[BaseGeometry, Sequence[Bounds]] | None,
 ) -> Reach:
     if not (math.isfinite(radius) and radius > 0.0):
         raise InputError(
@@ -186,7 +184,7 @@ def _reach_of(
     return Reach(float(radius), where, fits, floor, margins, tuple(notes))
 
 
-def room_for(environment: Environment, radius: float, within: Box | None = None) -> BaseGeometry:
+def room_for(environment: Environment, radius: float, within: Bounds | None = None) -> BaseGeometry:
     """Compute where the centre of a disc of `radius` metres can stand.
 
     The area may be empty or disconnected.
@@ -212,7 +210,7 @@ def room_for(environment: Environment, radius: float, within: Box | None = None)
 
 
 def _patched(
-    environment: Environment, radius: float, fits: BaseGeometry, boxes: Sequence[Box]
+    environment: Environment, radius: float, fits: BaseGeometry, boxes: Sequence[Bounds]
 ) -> BaseGeometry:
     """Return `room_for`, taken from another building except in the given boxes."""
     for box in boxes:

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import pieces_of
 from ambinav.runtime.array_types import Floats, Indices, Ints
 
 
@@ -49,7 +50,7 @@ class Targets:
     def of_outlines(cls, outlines: Sequence[BaseGeometry] | NDArray[np.object_]) -> Targets:
         """Return reflectors of these outlines, lines or polygons."""
         middle = [shapely.get_coordinates(shapely.centroid(outline))[0] for outline in outlines]
-        edges = [_joined(map(_edges, shapely.get_parts(outline))) for outline in outlines]
+        edges = [_joined(map(pieces_of, shapely.get_parts(outline))) for outline in outlines]
         return cls(
             np.array(middle, dtype=np.float64).reshape(-1, 2),
             np.ascontiguousarray(_joined(edges), dtype=np.float64),
@@ -80,12 +81,6 @@ def _touching(pieces: NDArray[np.object_]) -> Indices:
     links = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
     _, group = connected_components(links, directed=False)
     return np.asarray(group, dtype=np.intp)
-
-
-def _edges(part: BaseGeometry) -> Floats:
-    """Return the edges of a line or a polygon, shape (E, 4), metres."""
-    corners = shapely.get_coordinates(part)
-    return np.hstack([corners[:-1], corners[1:]])
 
 
 def _joined(edges: Iterable[Floats]) -> Floats:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import math
-import multiprocessing
 import os
 import re
-import signal
-import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -27,7 +24,7 @@ from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import disk_is_full
-from ambinav.runtime.processes import begin_worker
+from ambinav.runtime.processes import ChildProcess, begin_worker
 from ambinav.runtime.progress import Progress
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.jobs.route_forecasts import route_forecasts
@@ -150,45 +147,18 @@ class Failure:
         )
 
 
-class Worker:
-    """A process and the connection to it."""
+class Worker(ChildProcess):
+    """A fresh process of lower priority, without the server's sockets."""
 
     def __init__(self, work: Callable[[Connection], None]) -> None:
-        # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
-        context = multiprocessing.get_context("spawn")
-        self.line, theirs = context.Pipe()
-        self._lock, self._is_ended = threading.Lock(), False
-        self.process = context.Process(target=_initialize, args=(work, theirs), daemon=True)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        super().__init__("spawn", _initialize, work)
         with contextlib.suppress(ProcessLookupError):  # it may have been killed by now
             # From the start of the process, since its imports take seconds.
             mine = os.getpriority(os.PRIO_PROCESS, 0)
             os.setpriority(os.PRIO_PROCESS, self.process.pid or 0, min(mine + NICE, 19))
-        theirs.close()
-
-    def kill(self) -> None:
-        """Kill the process; `end` must still be called."""
-        with self._lock:
-            if not self._is_ended:
-                self.process.kill()
-
-    def end(self) -> None:
-        """Kill the process and wait until it has ended; further calls do nothing."""
-        with self._lock:
-            if self._is_ended:
-                return
-            self.process.kill()
-            self.process.join()
-            self.line.close()
-            self.process.close()
-            self._is_ended = True
 
 
-def _initialize(work: Callable[[Connection], None], line: Connection) -> None:
+def _initialize(line: Connection, work: Callable[[Connection], None]) -> None:
     """Initialize a worker process and run its tasks."""
     begin_worker()
     with contextlib.suppress(EOFError, BrokenPipeError):

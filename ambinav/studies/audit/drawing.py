@@ -6,7 +6,6 @@ Matplotlib takes long to import, and holds the interpreter's lock most of the ti
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import pickle
 import sys
 import threading
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ambinav.maps import schema
-from ambinav.runtime.processes import begin_worker, putting_signals_off
+from ambinav.runtime.processes import ChildProcess, begin_worker
 from ambinav.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -52,27 +51,16 @@ def drawing() -> Iterator[Draw]:
         process.end()
 
 
-class DrawingProcess:
-    """A process and the connection to it."""
+class DrawingProcess(ChildProcess):
+    """A process that draws the pictures of audits."""
 
     def __init__(self) -> None:
         # Existing objects are frozen, so that neither process scans them for garbage again.
         gc.freeze()
-        context = multiprocessing.get_context("fork")
-        self._line, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(self._line, theirs), daemon=True)
-        with putting_signals_off(), warnings.catch_warnings():
+        with warnings.catch_warnings():
             # Python from 3.12 on warns about OpenBLAS's threads, which handle forks themselves.
             warnings.simplefilter("ignore", DeprecationWarning)
-            self._process.start()
-        theirs.close()
-
-    def end(self) -> None:
-        """End the process, even while it is busy."""
-        self._process.kill()
-        self._process.join()
-        self._line.close()
-        self._process.close()
+            super().__init__("fork", _serve)
 
     def draw(
         self, audit: Audit, folder: Path, progress: Progress = silent, image_format: str = "png"
@@ -97,8 +85,8 @@ class DrawingProcess:
         )
         drawn = replace(audit, amap=amap, environment=amap.environment)
         try:
-            _send(self._line, (drawn, folder, image_format))
-            while isinstance(answer := self._line.recv(), float):
+            _send(self.line, (drawn, folder, image_format))
+            while isinstance(answer := self.line.recv(), float):
                 progress(answer)
         except (EOFError, BrokenPipeError, ConnectionResetError):
             raise RuntimeError(
@@ -108,9 +96,8 @@ class DrawingProcess:
             raise answer
 
 
-def _serve(other: Connection, line: Connection) -> None:
+def _serve(line: Connection) -> None:
     """Draw what is requested over the connection until it closes."""
-    other.close()
     begin_worker()
     from ambinav.studies.audit.pictures import save_pictures
 

@@ -10,9 +10,9 @@ import shapely
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
-from ambinav.runtime.array_types import Floats, Ints32
+from ambinav.runtime.array_types import Floats, Ints32, Pose
 from ambinav.runtime.errors import InputError
-from ambinav_planners.problem import Pose, Problem
+from ambinav_planners.problem import Problem
 from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.widest_way import Narrowest, widest_way
 

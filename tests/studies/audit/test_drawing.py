@@ -43,7 +43,7 @@ with drawing() as draw:
         draw(replace(found, findings=(None,)), folder / "apart", None, "png")
     except RuntimeError as error:
         print(str(error).splitlines()[0])
-    process = draw.__self__._process
+    process = draw.__self__.process
     os.kill(process.pid, signal.SIGKILL)
     try:
         draw(found, folder / "apart", None, "png")

@@ -9,10 +9,10 @@ from typing import Final
 import shapely
 from matplotlib.axes import Axes
 
-from ambinav.plotting.floor import Bounds
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.files import trace_route
+from ambinav.runtime.array_types import Bounds
 from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.improved import PICTURES, improved_text, state_figures, zones_after
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
