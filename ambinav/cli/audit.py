@@ -164,7 +164,7 @@ def _examine(
     aliasing = None
     if reported.aliasing is not False:
         seeking = stage("aliasing")
-        aliasing = find_aliasing(amap, environment, reported.aliasing, report=seeking)
+        aliasing = find_aliasing(amap, environment, reported.aliasing, progress=seeking)
     result = examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
@@ -188,7 +188,7 @@ def _examine(
         result = forecast(result)
         go_on()
         gate = GateCheck(conditions, result) if conditions else None
-        return advise(result, posts=reported.posts, gate=gate, report=report)
+        return advise(result, posts=reported.posts, gate=gate, progress=report)
 
     if reported.no_advice:
         result = forecast(result)

@@ -72,7 +72,7 @@ def compare(
                 loaded,
                 output,
                 jobs=jobs or processors(),
-                bars=bars,
+                stages=bars,
                 image_format=pictures,
                 store=options.store_of(no_store),
             )

@@ -130,7 +130,7 @@ def requirement(
                 keep_out=zones,
                 trips=forecaster,
                 source=str(cost),
-                report=bars,
+                stages=bars,
             )
             if output is None:
                 report = document(solution)

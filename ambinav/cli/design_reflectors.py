@@ -155,7 +155,7 @@ def reflectors(
                 positions,
                 count,
                 keep_out=zones,
-                report=bars,
+                stages=bars,
             )
             if output is None:
                 report = document(layout, count)

@@ -127,7 +127,7 @@ class Driver:
         environment: Environment,
         name: str,
         routes: tuple[Route, ...],
-        report: Progress,
+        progress: Progress,
     ) -> Iterator[DrivenRoute]:
         """Yield the routes of a building, driven with the scanner of this name."""
         if not routes:
@@ -136,7 +136,7 @@ class Driver:
         scanner = settings.scanners[name]
         amap = build_map(
             environment, scanner, spacing=settings.spacing, store=self._store,
-            progress=within(report, 0.0, 0.5),
+            progress=within(progress, 0.0, 0.5),
         )  # fmt: skip
         field = InformationField.of(amap, echoes=begin.limited_by_echoes(scanner))
         odometries = list(settings.odometries.values())
@@ -164,7 +164,7 @@ class Driver:
                 lost = int(runner(which).drive(route, rng, settings.runs).lost.sum())
                 self._kept.add(drive, lost)
             poses, _ = sampled(route, begin.distance, begin.angle)
-            report(0.5 + 0.5 * (k + 1) / len(routes))
+            progress(0.5 + 0.5 * (k + 1) / len(routes))
             yield DrivenRoute(building, field, poses, noise, lost, settings.runs)
 
 

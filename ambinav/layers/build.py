@@ -31,7 +31,7 @@ def with_layers(
     names: str | Iterable[str],
     *,
     environment: Environment | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
     """Return a map with more layers; a layer that the map already has is recomputed.
@@ -41,7 +41,7 @@ def with_layers(
         names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
             supports, except slow ones.
         environment: Building of the map, if available; None: that stored in the map.
-        report: Called with the share done, from 0 to 1.
+        progress: Called with the share done, from 0 to 1.
         options: Keyword arguments of a layer's function, by the layer's name:
             `with_layers(amap, ["fisher"], fisher={"odometry_std": 0.1})`.
 
@@ -56,7 +56,7 @@ def with_layers(
             f"{amap.source}: the map is a part of its building and lacks cells that are compared "
             f"for {', '.join(compared)}; open it without bounds, or leave that out."
         )
-    return layered(amap, chosen, environment=environment, report=report, **options)
+    return layered(amap, chosen, environment=environment, progress=progress, **options)
 
 
 def layers_for(
@@ -73,7 +73,7 @@ def layered(
     chosen: tuple[Layer, ...],
     *,
     environment: Environment | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
     """Return a map, or a part of one, with more layers; see `with_layers`.
@@ -89,7 +89,7 @@ def layered(
         given = dict(options.get(layer.name, {}))
         with LAYERS.calling(layer.name):
             added |= layer_variables(layer, context, layer.compute(context, **given), given)
-        report((done + 1) / len(chosen))
+        progress((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
     return AmbiguityMap(dataset.assign(added), source=amap.source)
 

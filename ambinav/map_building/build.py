@@ -237,7 +237,7 @@ def build_map(
                 amap,
                 names,
                 environment=env,
-                report=within(report, 1.0 / parts, (1.0 + len(names)) / parts),
+                progress=within(report, 1.0 / parts, (1.0 + len(names)) / parts),
             )
         return amap
 

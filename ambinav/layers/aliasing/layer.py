@@ -94,7 +94,7 @@ def aliased_poses(
     least: float = LEAST_LIKENESS,
     place: Ints32 | None = None,
     sought: Bools | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> AliasedPoses:
     """Find the poses aliased with each pose of a map.
 
@@ -106,7 +106,7 @@ def aliased_poses(
             own place are not listed where the number is above 0. They count all the same.
         sought: Cells whose aliased poses are sought, on all the map, shape (P,); None: all. The
             share and the area of others are NaN, and nothing is listed.
-        report: Called with the share done.
+        progress: Called with the share done.
 
     Raises:
         InputError: `least` is not between 0 and 1.
@@ -141,7 +141,7 @@ def aliased_poses(
                 threshold, count,
             )  # fmt: skip
             left += steps.sum(axis=0)
-            report((part + 1) / parts)
+            progress((part + 1) / parts)
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     share[~scans.possible] = np.nan

@@ -37,7 +37,7 @@ def advise(
     *,
     posts: int | None = None,
     gate: GateCheck | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> Audit:
     """Return the audit with a verdict, and with posts if they can help.
 
@@ -46,7 +46,7 @@ def advise(
         posts: Number of posts to place in any case, 0 for none; None: three if they may remove
             more than other scanners and routes do.
         gate: The gate that the audit is to pass; None: there is none.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area
     if not result.area:
@@ -61,7 +61,7 @@ def advise(
     trips = find_trips(result.amap, rng)
     tried = find_counterfactuals(
         result.amap, result.environment, result.scanner, rng, trips,
-        within(report, 0.0, 0.7),
+        within(progress, 0.0, 0.7),
     )  # fmt: skip
     helps = result.helps
     most = max((change.removed for change in tried), default=0.0)
@@ -69,12 +69,12 @@ def advise(
     if wanted:
         helps = find_posts(
             result.environment, result.scanner, result.amap, result.reach, posts or 3, trips, rng,
-            within(report, 0.7, 1.0),
+            within(progress, 0.7, 1.0),
         )  # fmt: skip
         tried = tuple(
             sorted((*tried, *_post_changes(helps, before)), key=lambda change: change.after.value)
         )
-    report(1.0)
+    progress(1.0)
     verdict = replace(nothing, tried=tried) if little else decide(result, before, tried, gate)
     return replace(result, verdict=verdict, helps=helps)
 

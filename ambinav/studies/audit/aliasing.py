@@ -64,7 +64,7 @@ def find_aliasing(
     wanted: bool | None = None,
     *,
     letters: int = 6,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> AliasingFindings:
     """Search a map for aliased poses and join them into pairs of regions.
 
@@ -78,7 +78,7 @@ def find_aliasing(
         environment: Building of the map.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
         letters: Maximum number of regions to list with their aliased poses.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     context = LayerContext.of(amap, environment)
     spacing = max(amap.spacing, min(SPACING, context.radius))
@@ -88,7 +88,7 @@ def find_aliasing(
     poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
-    aliased, sought = seek(amap, context, report)
+    aliased, sought = seek(amap, context, progress)
     # A heading at which half of the beams end in unknown space gives no information.
     known = np.isfinite(aliased.area[sought])
     known_headings = np.maximum(known.sum(axis=1), 1)
@@ -124,7 +124,7 @@ def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
 
 
 def seek(
-    amap: AmbiguityMap, context: LayerContext, report: Progress = silent
+    amap: AmbiguityMap, context: LayerContext, progress: Progress = silent
 ) -> tuple[AliasedPoses, Bools]:
     """Return aliased poses, up to `COUNT` of each pose, and the cells where the search started.
 
@@ -135,13 +135,13 @@ def seek(
     Args:
         amap: The map.
         context: Its context, or one with a wider lattice.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     place = own_places(amap, *context.points)
     row, column = squares(*context.points, context.spacing)
     every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
-    aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
+    aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, progress=progress)
     alike = follow(context, settle(context, aliased.poses))
     # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])

@@ -50,7 +50,7 @@ def compare_routes(
     folder: str | Path,
     *,
     jobs: int = 1,
-    bars: Stages = silent_stages,
+    stages: Stages = silent_stages,
     image_format: str = "png",
     store: bool | MapStore = False,
 ) -> tuple[Document, tuple[Row, ...]]:
@@ -63,7 +63,7 @@ def compare_routes(
         loaded: The scenario.
         folder: Output folder.
         jobs: Number of worker processes.
-        bars: Given a text, returns what takes the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
         store: Store of maps, as for `build_map`; used if `folder` holds no map of the scenario.
 
@@ -80,14 +80,14 @@ def compare_routes(
     with loaded.named():
         check_plans(loaded)
     with STUDY.folder.hold(out):
-        return _compare(loaded, out, jobs, bars, image_format, store)
+        return _compare(loaded, out, jobs, stages, image_format, store)
 
 
 def _compare(
     loaded: ScenarioBundle,
     out: Path,
     jobs: int,
-    begin: Stages,
+    stages: Stages,
     image_format: str,
     store: bool | MapStore,
 ) -> tuple[Document, tuple[Row, ...]]:
@@ -95,22 +95,22 @@ def _compare(
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
     with loaded.named():
-        amap = _load_map(loaded, out / WORK, begin, store)
-        plans = make_plans(loaded, amap, begin("routes"))
+        amap = _load_map(loaded, out / WORK, stages, store)
+        plans = make_plans(loaded, amap, stages("routes"))
         worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
     names = [
         f"{number + 1:02d}-{slug(plan.pair)}-{slug(plan.name)}" for number, plan in enumerate(plans)
     ]
     files = _save_routes(plans, names, out)
-    results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
+    results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=stages("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
     forecasts = make_forecasts(loaded, amap, plans)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed, forecasts)
     by_pair = pair_figures(setup, plans, results)
     figures = {name: figure for own in by_pair.values() for name, figure in own.items()}
     figures[OVERVIEW] = partial(plot_overview, rows, f"Routes compared: {scenario.name}")
-    drawn = STUDY.draw(out, figures, image_format, begin("pictures"))
+    drawn = STUDY.draw(out, figures, image_format, stages("pictures"))
     pictures = {pair: tuple(drawn[name] for name in own) for pair, own in by_pair.items()}
     drives = [f"{DRIVES}/{name}" for name in written]
     report = document(loaded, plans, files, rows, pictures, drawn[OVERVIEW], drives)
@@ -146,7 +146,7 @@ def _has_policies(loaded: ScenarioBundle) -> bool:
 
 
 def _load_map(
-    loaded: ScenarioBundle, work: Path, begin: Stages, store: bool | MapStore
+    loaded: ScenarioBundle, work: Path, stages: Stages, store: bool | MapStore
 ) -> AmbiguityMap:
     """Build or read the map of the scenario."""
     options = loaded.scenario.map.model_dump(exclude={"layer"})
@@ -163,7 +163,7 @@ def _load_map(
     path = work / f"map-{key[:16]}.zarr"
     if path.is_dir():
         return AmbiguityMap.open(path)
-    progress = begin("ambiguity")
+    progress = stages("ambiguity")
     amap = build_map(environment, loaded.scanner, progress=progress, store=store, **options)
     amap.save(path)
     # Read back, so that it makes no difference whether the map was there.

@@ -45,7 +45,7 @@ CRITERION: Final = AcceptanceCriterion(lost=0.5)
 
 
 def benchmark(
-    board: Board, folder: Path, bars: Stages = silent_stages, image_format: str = "png"
+    board: Board, folder: Path, stages: Stages = silent_stages, image_format: str = "png"
 ) -> tuple[Row, ...]:
     """Run a leaderboard and write it; results of an earlier call in the folder are reused.
 
@@ -54,7 +54,7 @@ def benchmark(
     Args:
         board: Configuration of the leaderboard.
         folder: Output folder.
-        bars: Given a text, returns what takes the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
         image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
@@ -67,7 +67,7 @@ def benchmark(
     board = fitting(board)
     with STUDY.folder.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
-        results = run(board, folder / WORK, bars)
+        results = run(board, folder / WORK, stages)
         scores = scores_of(results, board.seed)
         rows = rows_of(board, results, scores)
         title = f"Leaderboard, {board.episodes} episodes each"

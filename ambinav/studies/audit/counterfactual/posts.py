@@ -79,7 +79,7 @@ def find_posts(
     count: int,
     trips: Trips | None,
     rng: np.random.Generator,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> PostSearch:
     """Place posts that reduce the bad floor of the whole map.
 
@@ -93,7 +93,7 @@ def find_posts(
         count: How many posts.
         trips: Between places of the building, whose paths are kept clear; None: none are known.
         rng: Draws places.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     rules = PlaceRules(
         min_passage=max(4.0 * reach.radius + ABREAST, PlaceRules().min_passage),
@@ -127,26 +127,27 @@ def find_posts(
     bad_points = np.flatnonzero(bad[lattice.free])
     places = Places.at_all_headings(bad_points, np.full(len(bad_points), amap.cell_area))
     effects = Effects(environment, setting, places.sampled(lattice, PLACES, rng))
-    report(0.2)
-    trials = try_alone(effects, coarse, within(report, 0.2, 0.5))
+    progress(0.2)
+    trials = try_alone(effects, coarse, within(progress, 0.2, 0.5))
     best = [trials.candidates[i] for i in trials.order[:count]]
     fine = _nearest(between, best, FINE)
-    trials = trials.and_of(try_alone(effects, fine, within(report, 0.5, 0.7)))
+    trials = trials.and_of(try_alone(effects, fine, within(progress, 0.5, 0.7)))
     placement = place(
-        effects, trials, count, rules.min_passage, report=within(report, 0.7, 0.9), least=NOTHING
-    )
+        effects, trials, count, rules.min_passage, least=NOTHING,
+        progress=within(progress, 0.7, 0.9),
+    )  # fmt: skip
     known = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
     )
     if not placement.placed:
-        report(1.0)
+        progress(1.0)
         return PostSearch(count, rules, known, "")
     after, left = amap, []
     for chosen in range(1, len(placement.placed) + 1):
         after = after.update(known.edited(chosen))
         improved = improved_floor(amap, after, amap.judged)
         left.append(float((bad & ~improved).sum()) * amap.cell_area)
-    report(1.0)
+    progress(1.0)
     most = largest_places(amap, improved, amap.judged)
     then = zones_after(amap, after)
     then = np.where(then == NOT_FREE, zone, then)[amap.judged.counted]

@@ -77,7 +77,7 @@ def find_counterfactuals(
     scanner: RangeScanner,
     rng: np.random.Generator,
     trips: Trips | None,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> tuple[Counterfactual, ...]:
     """Try headings, routes and scanners; return the best of each kind, most floor removed first.
 
@@ -87,7 +87,7 @@ def find_counterfactuals(
         scanner: Scanner of the map.
         rng: Draws places.
         trips: Trips in the building (`find_trips`); None: it has none.
-        report: Called with the share done.
+        progress: Called with the share done.
 
     Returns:
         None of them where no floor is bad.
@@ -97,9 +97,9 @@ def find_counterfactuals(
     if not before > 0.0:
         return ()
     changes = [*_headings(amap, before), *_routes(before, trips)]
-    report(0.1)
-    changes += _scanners(amap, environment, scanner, rng, report)
-    report(1.0)
+    progress(0.1)
+    changes += _scanners(amap, environment, scanner, rng, progress)
+    progress(1.0)
     return tuple(sorted(changes, key=lambda change: change.after.value))
 
 
@@ -186,7 +186,7 @@ def _scanners(
     environment: Environment,
     scanner: RangeScanner,
     rng: np.random.Generator,
-    report: Progress,
+    progress: Progress,
 ) -> list[Counterfactual]:
     """Return the best scanner of each kind of change."""
     changes = scanner_changes(scanner, environment)
@@ -195,7 +195,7 @@ def _scanners(
     floor = FloorSample.of(amap, environment, scanner)
     for number, counts in enumerate(ROUNDS):
         results = _evaluate(floor, changes, counts, rng)
-        report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
+        progress(0.1 + 0.9 * (number + 1) / len(ROUNDS))
         most = max(change.removed for change in results)
         kept = [
             at

@@ -103,7 +103,7 @@ def choose(
     checks: Sequence[MapSample],
     limit: float,
     rng: np.random.Generator,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> Choice:
     """Find the fewest beams that stay within a loss on every map.
 
@@ -113,7 +113,7 @@ def choose(
         checks: Other poses of the same maps.
         limit: Points, above 0.
         rng: Draws candidates and random subsets.
-        report: Called with the share done, from 0 to 1, as far as that can be told.
+        progress: Called with the share done, from 0 to 1, as far as that can be told.
 
     Raises:
         InputError: the limit is out of its range, or the scanner has a single beam.
@@ -137,7 +137,7 @@ def choose(
             by_method[name].append(subset)
             if fewest[name] is None and subset.within(limit):
                 fewest[name] = count
-        report(min(count / scanner.beams, 1.0))
+        progress(min(count / scanner.beams, 1.0))
         if fewest["even"] is not None and count >= BEYOND * min(filter(None, fewest.values())):
             break
     chosen, method = _fewest(by_method, fewest)
@@ -153,7 +153,7 @@ def choose(
         _drawn([_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count)
         for count in _sizes(len(by_method["even"]))
     )
-    report(1.0)
+    progress(1.0)
     return Choice(
         scanner,
         limit,

@@ -45,7 +45,7 @@ def gains_in_aged(
     worlds: int,
     passage: float,
     rng: np.random.Generator,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> AgedGains:
     """Compute what obstacles remove in aged buildings: walls displaced, furniture moved.
 
@@ -58,7 +58,7 @@ def gains_in_aged(
         worlds: Number W of aged buildings.
         passage: Metres that moved furniture leaves free beside it.
         rng: Draws the buildings.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     before, gain = np.empty(worlds), np.empty(worlds)
     for k in range(worlds):
@@ -69,7 +69,7 @@ def gains_in_aged(
         there = Effects(world, setting, _same_places(effects.places, known, aged))
         before[k] = there.badness.bad
         gain[k] = there.tried(obstacles).gain.bad
-        report((k + 1) / worlds)
+        progress((k + 1) / worlds)
     return AgedGains(before, gain)
 
 

@@ -79,7 +79,7 @@ def enumerated(
     numbers: Sequence[int],
     count: int,
     passage: float,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> Optimum | None:
     """Try all subsets of some candidates; None if no subset is allowed.
 
@@ -89,7 +89,7 @@ def enumerated(
         numbers: Indices of the candidates to use.
         count: Size of the subsets.
         passage: Metres to be left between two.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     subsets = itertools.combinations(numbers, count)
     every = [subset for subset in subsets if trials.have_room(subset, passage)]
@@ -104,7 +104,7 @@ def enumerated(
             together = trials.gain_together(effects, subset)
             gain = together.cost, together.bad
         gains[tuple(sorted(subset))] = gain
-        report((k + 1) / len(every))
+        progress((k + 1) / len(every))
     few = trials.among(numbers)
     taken = place(effects, few, count, passage)
     chosen = tuple(sorted(trials.candidates.index(placed.candidate) for placed in taken.placed))

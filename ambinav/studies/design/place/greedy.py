@@ -131,7 +131,7 @@ class Placement:
 
 
 def try_alone(
-    effects: Effects, candidates: Sequence[Candidate], report: Progress = silent
+    effects: Effects, candidates: Sequence[Candidate], progress: Progress = silent
 ) -> Trials:
     """Try each candidate in the current building."""
     gains, rows, fixed = [], [], []
@@ -140,7 +140,7 @@ def try_alone(
         gains.append(change.gain)
         rows.append(change.rows)
         fixed.append(change.fixed)
-        report((k + 1) / len(candidates))
+        progress((k + 1) / len(candidates))
     return Trials(tuple(candidates), tuple(gains), tuple(rows), tuple(fixed))
 
 
@@ -150,7 +150,7 @@ def place(
     count: int,
     passage: float,
     moves: Moves | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
     least: float = 0.0,
 ) -> Placement:
     """Place `count` obstacles where they help most; fewer if none helps or none has room.
@@ -164,7 +164,7 @@ def place(
         count: Number of obstacles, at least 1.
         passage: Metres to be left between two of them.
         moves: Moves them between the candidates in the end; None: they stay.
-        report: Called with the share done.
+        progress: Called with the share done.
         least: Bad floor that the last one is to take away; what then takes away less is left out.
 
     Raises:
@@ -176,18 +176,18 @@ def place(
     search = _Search(gains, trials, passage)
     while len(search.chosen) < count and (best := search.best()) is not None:
         search.put((*search.chosen, best))
-        report(0.4 * len(search.chosen) / count)
+        progress(0.4 * len(search.chosen) / count)
     crowded = len(search.chosen) < count and not search.left.any()
     chosen = search.exchanged()
-    report(0.5)
+    progress(0.5)
     if moves is not None:
-        chosen = moves.improve(gains, chosen, within(report, 0.5, 0.9))
+        chosen = moves.improve(gains, chosen, within(progress, 0.5, 0.9))
     placed, now = _place_in_order(gains, chosen)
     useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)
     if enough < len(placed):
         placed, now = _place_in_order(gains, [obstacle.candidate for obstacle in placed[:enough]])
-    report(1.0)
+    progress(1.0)
     return Placement(
         effects.badness,
         placed,

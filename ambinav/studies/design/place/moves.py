@@ -37,7 +37,7 @@ class Moves:
         self._near: dict[tuple[Candidate, float], tuple[Candidate, ...]] = {}
 
     def improve(
-        self, gains: Gains, chosen: Sequence[Candidate], report: Progress = silent
+        self, gains: Gains, chosen: Sequence[Candidate], progress: Progress = silent
     ) -> tuple[Candidate, ...]:
         """Return the obstacles where none gains by a move, in the same order.
 
@@ -53,7 +53,7 @@ class Moves:
                     chosen[k] = self._best(gains, candidate, chosen[:k] + chosen[k + 1 :], step)
                 if chosen == before:
                     break
-            report(number / len(steps))
+            progress(number / len(steps))
         return tuple(chosen)
 
     def _steps(self) -> Iterator[float]:

@@ -128,7 +128,7 @@ def place_obstacles(
     reach: Reach,
     regions: Sequence[Region] = (),
     rng: np.random.Generator | None = None,
-    report: Stages = silent_stages,
+    stages: Stages = silent_stages,
     *,
     examine: bool = True,
     aged: int = 0,
@@ -145,7 +145,7 @@ def place_obstacles(
         reach: Floor that the robot reaches.
         regions: Regions where bad floor counts, all of one unit; empty: the whole map.
         rng: Draws samples and aged buildings; None: nothing is examined.
-        report: Given a text, returns what is called with the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
         examine: Whether to test gains for submodularity and to look for the optimum of small cases.
         aged: Number of aged buildings in which to compute what the obstacles remove.
         keep_out: Polygons that no obstacle may touch; None: there are none.
@@ -186,9 +186,9 @@ def place_obstacles(
             f"--{rules.kind}s: {count} are requested, but there are only {len(allowed)} places for "
             "them; request fewer, or give a smaller --min-passage or more --candidates."
         )
-    trials = try_alone(effects, allowed, report(f"{len(allowed)} candidates"))
+    trials = try_alone(effects, allowed, stages(f"{len(allowed)} candidates"))
     moves = Moves({rules.kind: (positions, step)}, rules.min_passage)
-    placement = place(effects, trials, count, rules.min_passage, moves, report("placing"), NOTHING)
+    placement = place(effects, trials, count, rules.min_passage, moves, stages("placing"), NOTHING)
     if placement.crowded:
         raise InputError(
             f"--{rules.kind}s: {count} are requested, but only {len(placement.placed)} of the "
@@ -201,10 +201,10 @@ def place_obstacles(
     # The aged buildings are the same with samples and without.
     for_samples, for_buildings = rng.spawn(2)
     if examine:
-        known = _examine(known, effects, for_samples, report)
+        known = _examine(known, effects, for_samples, stages)
     if aged and placement.placed:
         obstacles = tuple(candidate.obstacle for candidate in known.chosen)
-        progress = report(f"{aged} aged buildings")
+        progress = stages(f"{aged} aged buildings")
         gains = gains_in_aged(effects, obstacles, aged, rules.min_passage, for_buildings, progress)
         known = replace(known, aged=gains)
     return known
@@ -223,11 +223,11 @@ def check_passage(rules: PlaceRules, reach: Reach) -> None:
         )
 
 
-def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Stages) -> Remedy:
+def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, stages: Stages) -> Remedy:
     """Return the study with a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [
-        enumerated(effects, trials, trials.order[:most].tolist(), size, passage, report(title))
+        enumerated(effects, trials, trials.order[:most].tolist(), size, passage, stages(title))
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
@@ -237,7 +237,7 @@ def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: 
         coverage = covered_most(effects, trials, len(greedy), passage, greedy)
     return replace(
         known,
-        violations=measured(effects, trials, passage, rng, report("samples of gains")),
+        violations=measured(effects, trials, passage, rng, stages("samples of gains")),
         optima=tuple(optimum for optimum in optima if optimum is not None),
         coverage=coverage,
     )

@@ -64,7 +64,7 @@ def measured(
     trials: Trials,
     passage: float,
     rng: np.random.Generator,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> Violations:
     """Compare gains with and without another obstacle.
 
@@ -73,7 +73,7 @@ def measured(
         trials: The candidates, each alone.
         passage: Metres to be left between two.
         rng: Draws the samples.
-        report: Called with the share done.
+        progress: Called with the share done.
     """
     pool = trials.order[:POOL]
     pool = pool[[trials.gains[i].cost > 0.0 for i in pool.tolist()]]
@@ -83,7 +83,7 @@ def measured(
         return trials.gain_together(effects, numbers).cost
 
     for k in range(PAIRS + TRIPLES):
-        report(k / (PAIRS + TRIPLES))
+        progress(k / (PAIRS + TRIPLES))
         size = 2 if k < PAIRS else 3
         if len(pool) < size:
             break
@@ -99,7 +99,7 @@ def measured(
             without = gain(others[0], last) - trials.gains[others[0]].cost
             beside = gain(*drawn) - both
         pairs.append((without, beside))
-    report(1.0)
+    progress(1.0)
     return Violations(*np.reshape(pairs, (-1, 2)).T)
 
 

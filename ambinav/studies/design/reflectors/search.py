@@ -112,7 +112,7 @@ class Search:
         worth = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
         return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
 
-    def place(self, count: int, report: Progress = silent) -> tuple[int, ...]:
+    def place(self, count: int, progress: Progress = silent) -> tuple[int, ...]:
         """Place at most `count` reflectors; return their numbers, those that help most first.
 
         Fewer are placed if all floor that counts is good, or no candidate helps.
@@ -122,12 +122,12 @@ class Search:
         for number, start in enumerate(starts, start=1):
             chosen = self._exchanged(self._completed_greedily(start, count), PARTIAL)
             placed.append(self._exchanged(chosen, IN_THE_END))
-            report(0.6 * number / len(starts))
+            progress(0.6 * number / len(starts))
         most = max(placed, key=lambda chosen: self._completes(none, chosen, IN_THE_END))
         # The best by number in view, and the best by all criteria so far.
         ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=_worth)]
         state = max((self._exchanged_by_all(end) for end in ends), key=_worth)
-        report(0.9)
+        progress(0.9)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
             better = self._best(state.chosen, self._first(state.chosen, state.positioning))
             if better is None or better.worth <= state.worth + LEAST:

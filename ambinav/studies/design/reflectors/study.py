@@ -166,7 +166,7 @@ def plan_reflectors(
     count: int = 0,
     *,
     keep_out: BaseGeometry | None = None,
-    report: Stages = silent_stages,
+    stages: Stages = silent_stages,
 ) -> ReflectorLayout:
     """Judge the reflectors of a building, and place more so that a robot navigates by them.
 
@@ -180,7 +180,7 @@ def plan_reflectors(
             They reflect in any case.
         count: How many are placed at most.
         keep_out: Polygons that none of them may touch; None: there are none.
-        report: Given a text, returns what is called with the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
 
     Raises:
         InputError: a building in space, a scanner without intensities, a passage narrower than the
@@ -215,7 +215,7 @@ def plan_reflectors(
     # Reflectors on walls narrow nothing; nearer than this two could not be distinguished.
     separation = 4.0 * rules.tolerance if positions.kind == "tag" else positions.min_passage
     search = Search(coarse, counted[kept], present, candidates, separation)
-    order = search.place(count, report(f"{len(candidates)} places"))
+    order = search.place(count, stages(f"{len(candidates)} places"))
     chosen = tuple(candidates[k] for k in order)
     # New reflectors hide each other and what is behind them: only the changed building shows it.
     outlines = [candidate.obstacle.outline for candidate in chosen]

@@ -112,7 +112,7 @@ class ChangeSearch:
         terms: Terms of obstacles.
         requirement: What must hold; None: as little bad floor as the budget allows.
         budget: Largest cost; None: not limited.
-        report: Given a text, returns what is called with the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
         forecaster: Trips of a requirement on lost robots.
     """
 
@@ -123,12 +123,12 @@ class ChangeSearch:
         terms: Terms,
         requirement: Requirement | None,
         budget: float | None,
-        report: Stages,
+        stages: Stages,
         forecaster: TripForecaster | None = None,
     ) -> None:
         self.forecaster = forecaster
         self.environment, self.build, self.terms = environment, build, terms
-        self.requirement, self.report = requirement, report
+        self.requirement, self.stages = requirement, stages
         self.limit = math.inf if budget is None else budget * (1.0 + SLACK)
         self.best: State | None = None
         self.states: list[State] = []
@@ -228,7 +228,7 @@ class ChangeSearch:
         changes = self._in_order(hardware, obstacles)
         steps: list[Step] = []
         cost, current, placed = 0.0, bare, list[Candidate]()
-        done = self.report(f"maps of {len(changes)} steps")
+        done = self.stages(f"maps of {len(changes)} steps")
         for change in changes:
             if change is None:
                 current, price = hardware, hardware.cost
@@ -270,7 +270,7 @@ class ChangeSearch:
     def _place(self, hardware: Hardware) -> dict[Kind, int]:
         """Look for obstacles for a scanner; return the number of tried places by kind."""
         search = self._obstacles_of(hardware)
-        trials, reasons = search.try_places(self.report)
+        trials, reasons = search.try_places(self.stages)
         self.reasons += reasons.values()
         untried = [reasons[kind] for kind in reasons if kind != "tag" or hardware.reads_tags]
         is_only = len(self.tried) == 1
@@ -278,7 +278,7 @@ class ChangeSearch:
             raise InputError(untried[-1])
         if not trials:
             return {}
-        done = self.report(f"{hardware.name}: obstacles together")
+        done = self.stages(f"{hardware.name}: obstacles together")
         most = sum(self.terms.most.values())
         chains = list(search.chains(trials))
         for number, chain in enumerate(chains):
@@ -299,7 +299,7 @@ class ChangeSearch:
         passage = max(terms.rules(kind, hardware).min_passage for kind in terms.most)
         current = self.mapped(State(hardware, (), hardware.cost, floor.areas()))
         most = sum(terms.most.values())
-        done = self.report(f"{hardware.name}: obstacles where robots get lost")
+        done = self.stages(f"{hardware.name}: obstacles where robots get lost")
         for count in range(most):
             assert current.losses is not None
             chosen = current.state.obstacles

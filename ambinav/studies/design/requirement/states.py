@@ -183,11 +183,11 @@ class ObstacleSearch:
         self._batches: dict[frozenset[Candidate], Batch] = {}
         self.elsewhere = floor.areas(~free)
 
-    def try_places(self, report: Stages) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
+    def try_places(self, stages: Stages) -> tuple[dict[Kind, Trials], dict[Kind, str]]:
         """Try every place for an obstacle alone; say why kinds of obstacles have none.
 
         Args:
-            report: Given a text, returns what is called with the share done.
+            stages: Begins a stage by its name; what it returns is called with the share done.
         """
         scanner = self.hardware.scanner
         places = self.effects.places.point[self.effects.bad]
@@ -212,7 +212,7 @@ class ObstacleSearch:
                 reasons[kind] = str(error)
                 continue
             title = f"{self.hardware.name}: {len(allowed)} places for {kind}s"
-            every[kind] = try_alone(self.effects, allowed, report(title))
+            every[kind] = try_alone(self.effects, allowed, stages(title))
         return every, reasons
 
     def chains(self, trials_of: Mapping[Kind, Trials]) -> Iterator[Iterator[Batch]]:

@@ -91,7 +91,7 @@ def meet_requirement(
     keep_out: BaseGeometry | None = None,
     trips: TripForecaster | None = None,
     source: str = "costs",
-    report: Stages = silent_stages,
+    stages: Stages = silent_stages,
 ) -> Solution:
     """Find the cheapest changes that meet a requirement, or the best within a budget.
 
@@ -108,7 +108,7 @@ def meet_requirement(
         keep_out: Polygons that no obstacle may touch.
         trips: Trips of a requirement on lost robots.
         source: Names the costs in messages.
-        report: Given a text, returns what is called with the share done.
+        stages: Begins a stage by its name; what it returns is called with the share done.
 
     Raises:
         InputError: neither requirement nor budget is given, a requirement on lost robots without
@@ -138,7 +138,7 @@ def meet_requirement(
         keep_out,
         () if trips is None else trips.stops,
     )
-    search = ChangeSearch(environment, build, terms, requirement, budget, report, trips)
+    search = ChangeSearch(environment, build, terms, requirement, budget, stages, trips)
     # A scanner that meets it alone bounds what obstacles may cost.
     for hardware in options:
         search.map_alone(hardware)

@@ -71,7 +71,7 @@ def place_levels(
     most_places: int = 0,
     rng: np.random.Generator,
     order: Sequence[int] | None = None,
-    report: Progress = silent,
+    progress: Progress = silent,
 ) -> PlaceLevels:
     """Compute the levels at the places of a region for several scanners.
 
@@ -93,7 +93,7 @@ def place_levels(
         rng: Chooses them.
         order: Order of the computation: scanners whose beams coincide should follow each
             other, for these are cast once. None: as they come.
-        report: Called with the share done, from 0 to 1.
+        progress: Called with the share done, from 0 to 1.
 
     Raises:
         InputError: the region is empty, a number is out of its range, or there is too much to keep.
@@ -142,7 +142,7 @@ def place_levels(
                 level[views[i].scanner][cells] = levels[:, None]
                 zone[views[i].scanner][cells] = zones[:, None]
             done += len(at) * len(numbers) / (len(places) * len(views))
-            report(min(done, 1.0))
+            progress(min(done, 1.0))
     return PlaceLevels(x, y, places, amount, headings, level, zone, model)
 
 

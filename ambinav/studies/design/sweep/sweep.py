@@ -331,7 +331,7 @@ def sweep_scanner(
         most_places=places,
         rng=np.random.default_rng(seed),
         order=sorted(range(len(different)), key=lambda row: values[different[row]]),
-        report=progress,
+        progress=progress,
     )
     summed = [
         figures(level, zone, levels.places.weight)
