@@ -104,7 +104,8 @@ def plot_loss_curves(
     )  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="beams kept", ylabel="percentage points lost")
     axes.set_title(title, loc="left")
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    # Smaller losses, none too, are drawn at the lowest mark.
+    plain = FuncFormatter(lambda value, _: f"{'≤ ' if value == _LEAST else ''}{value:g}")
     for axis, ticks in ((axes.xaxis, _ticks(max(count))), (axes.yaxis, _POINTS)):
         axis.set_major_locator(FixedLocator(list(ticks)))
         axis.set_major_formatter(plain)

@@ -24,6 +24,9 @@ DRAWS: Final = 10
 BEYOND: Final = 1.5
 """The curves of even and random subsets end at this multiple of the number of selected beams."""
 
+ROUNDING: Final = 1e-9
+"""Points; so much above the limit is within it."""
+
 Method = Literal["even", "greedy", "exact", "all"]
 
 
@@ -43,7 +46,7 @@ class Subset:
 
     def within(self, limit: float) -> bool:
         """Return whether both losses are at most `limit` percentage points."""
-        return max(self.loss.points, self.checked.points) <= limit
+        return max(self.loss.points, self.checked.points) <= limit + ROUNDING
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,7 @@ def _exact(
         good = [
             measured(beams)
             for beams in combinations(range(total), count)
-            if _loss(samples, beams).points <= limit
+            if _loss(samples, beams).points <= limit + ROUNDING
         ]
         good = [subset for subset in good if subset.within(limit)]
         if good:

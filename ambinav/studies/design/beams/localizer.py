@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -118,20 +118,39 @@ class ScanInformation:
 
 
 def scan_information_of(
-    env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
+    buildings: Sequence[Environment],
+    scanner: RangeScanner,
+    kept: RangeScanner,
+    seed: int,
+    map_std: float | None = None,
 ) -> ScanInformation:
     """Compute how well one scan locates a robot whose prior deviation is `PRIOR`.
 
     Here every beam errs by itself: noise averages out over beams, as it does in a simulation and
     as the map, which counts pieces of evidence, does not say.
+
+    Args:
+        buildings: The buildings; all count alike.
+        scanner: Scanner with all beams.
+        kept: Same with the kept beams.
+        seed: Seed of the poses.
+        map_std: Standard deviation of the walls' position, metres; None: each building's own.
     """
-    poses = _poses(env, scanner, rng, POSES)
     prior = np.linalg.inv(np.diag(np.square(PRIOR)))
-    deviations = []
-    for beams in (scanner, kept):
-        covariance = np.linalg.inv(scan_information(env, beams, poses) + prior)
-        deviations.append(float(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]).mean()))
-    return ScanInformation(*deviations)
+    deviations = np.empty((len(buildings), 2))
+    for number, env in enumerate(buildings):
+        poses = _poses(env, scanner, rng_of(env, seed, "scan"), POSES)
+        for column, beams in enumerate((scanner, kept)):
+            covariance = np.linalg.inv(scan_information(env, beams, poses, map_std) + prior)
+            error = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
+            deviations[number, column] = error.mean()
+    full, few = deviations.mean(axis=0).tolist()
+    return ScanInformation(full, few)
+
+
+def rng_of(env: Environment, seed: int, purpose: str) -> np.random.Generator:
+    """Return a generator for a building, the same whichever others there are."""
+    return np.random.default_rng([seed, *purpose.encode(), int(env.checksum[:16], 16)])
 
 
 def _poses(env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int) -> Floats:

@@ -126,12 +126,16 @@ class Positions:
         """
         allowed, step = self._spread(most, self._wanted)
         if not allowed:
+            rules = self.rules
+            remedy = "give a smaller --width" if rules.kind != "post" else "give a smaller --radius"
+            passage = ""
+            if rules.kind != "tag":
+                passage = f" without narrowing a passage of {rules.min_passage:g} m"
+                remedy += " or --min-passage, or allow both --on-walls and --free-standing"
             raise InputError(
-                f"{self._name}: a {self.rules.kind} fits nowhere within sight of bad floor"
-                f"{' and off the --keep-out zones' if self._zones else ''} "
-                f"without narrowing a passage of {self.rules.min_passage:g} m; give a smaller "
-                "--min-passage, or allow both --on-walls and --free-standing"
-                f"{', or draw smaller zones' if self._zones else ''}."
+                f"{self._name}: a {rules.kind} of {rules.size_text} fits nowhere within sight of "
+                f"bad floor{' and off the --keep-out zones' if self._zones else ''}{passage}; "
+                f"{remedy}{', or draw smaller zones' if self._zones else ''}."
             )
         return allowed, step
 

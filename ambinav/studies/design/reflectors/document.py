@@ -112,6 +112,11 @@ def _summary(layout: ReflectorLayout) -> str:
     before, after, count = layout.before, layout.after, len(layout.steps)
     where = f"{layout.scanner.name} navigates in {layout.environment.name} on"
     present = f"{layout.present} reflector{'' if layout.present == 1 else 's'}"
+    if not count and not layout.present:
+        return (
+            f"There are no reflectors in {layout.environment.name}: by those {layout.scanner.name} "
+            "navigates nowhere."
+        )
     if not count:
         return (
             f"By {present} {where} {before.good:,.1f} of {before.floor:,.1f} m² "
@@ -135,7 +140,7 @@ def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
     reasons = (
         (few, f"fewer than {rules.needed} reflectors are in view"),
         (alike, "another pose shows the same reflectors"),
-        (vague, f"the position is known to more than {rules.max_std:g} m only"),
+        (vague, f"the position is less certain than {rules.max_std:g} m"),
     )
     left = [f"on {area:,.1f} m² {reason}" for area, reason in reasons if area >= 0.05]
     if left:

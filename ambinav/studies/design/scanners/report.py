@@ -8,6 +8,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.plotting.floor import area_text
 from ambinav.plotting.fronts import FrontDot, FrontPanel, plot_fronts
 from ambinav.plotting.scanners import (
     ScannerBars,
@@ -87,7 +88,7 @@ def draw_bars(table: ScannerTable) -> Figure:
 def draw_maps(table: ScannerTable) -> Figure:
     """Draw the zones of each scanner."""
     floors = [
-        ScannerFloor(f"{number}  {row.name}: {row.bad_area:,.0f} m² bad", row.zone, row.parts)
+        ScannerFloor(f"{number}  {row.name}: {area_text(row.bad_area)} bad", row.zone, row.parts)
         for number, row in enumerate(table.rows, start=1)
     ]
     title = f"Zones by scanner: {table.environment.name}"

@@ -42,7 +42,7 @@ class PlaceLevels:
         headings: Radians: of a map or polygon the H headings, of a route those that its places
             refer to.
         level: float32, shape (S, K, H), nan where the robot cannot stand; H is 1 on a route.
-        zone: Codes of zones, uint8, shape (S, K, H).
+        zone: Codes of zones, uint8, shape (S, K, H): of several headings, those in the mean.
         model: The parameters; its tau is that of none of the scanners.
     """
 
@@ -131,6 +131,7 @@ def place_levels(
     lattice, point = lattice.among(near), np.searchsorted(np.flatnonzero(near), places.point)
     level = np.full(shape, np.nan, dtype=np.float32)
     zone = np.full(shape, NOT_FREE, dtype=np.uint8)
+    radii = np.zeros((2, *shape[:2]))  # summed over headings
     done = 0.0
     for here, angles in _groups(places, headings, on_route):
         views, possible = scanner_views(lattice, scanners, order, angles)
@@ -141,8 +142,16 @@ def place_levels(
                 cells = np.ix_(here[at], views[i].headings)
                 level[views[i].scanner][cells] = levels[:, None]
                 zone[views[i].scanner][cells] = zones[:, None]
+                summed = len(views[i].headings) * np.stack([major, minor])
+                radii[:, views[i].scanner, here[at]] += summed
             done += len(at) * len(numbers) / (len(places) * len(views))
             progress(min(done, 1.0))
+    if shape[2] > 1:
+        # As in a map: the zone of a place is that of its radii in the mean over headings.
+        known = np.isfinite(level)
+        major, minor = radii / np.maximum(known.sum(axis=2), 1)
+        mean = classify(major, minor, model.low, model.high)[..., None]
+        zone = np.where(known, mean, np.uint8(NOT_FREE))
     return PlaceLevels(x, y, places, amount, headings, level, zone, model)
 
 

@@ -201,7 +201,7 @@ class Variation:
         if len(numbers) != 2 or step is None:
             raise InputError(
                 f"vary: {text!r} is not a range; give {name}=first:last:step, e.g. "
-                f"{name}={numbers[0]:g}:{numbers[-1]:g}:10."
+                f"{name}={numbers[0]:g}:{numbers[1] if len(numbers) > 1 else numbers[0]:g}:10."
             )
         first, last = numbers
         if not all(map(math.isfinite, (first, last, step))):
