@@ -64,7 +64,10 @@ class ReportOptions:
 
         at_least(0, ("--places", self.places), ("--posts", self.posts))
         if self.posts and self.no_advice:
-            raise InputError(f"--posts: {self.posts} are advice; leave --no-advice out.")
+            raise InputError(
+                "--posts: posts are part of the advice, which --no-advice leaves out; give only "
+                "one of the two."
+            )
         check_report(STUDY, output, self.pictures)
         if self.keep is not None:
             from ambinav.maps.address import Address
@@ -259,7 +262,7 @@ def _show_advice(report: Document) -> None:
     if report.verdict is None or not report.verdict.tried:
         return
     tried = table(
-        ("tried", "bad floor then", "95 % interval", "pays"),
+        ("tried", "bad floor after", "95 % interval", "pays"),
         (
             (
                 change.title,
@@ -322,7 +325,7 @@ def _show_lost(report: Document) -> None:
     )
     show("", report.lost.text)
     if report.lost.routes:
-        columns = "from x, y", "to x, y", "length", "lost", "most near", "error"
+        columns = "from x, y", "to x, y", "length", "lost", "mostly near", "error"
         show("", table(columns, rows, left=("error",)))
 
 
@@ -334,7 +337,7 @@ def _show_aliasing(report: Document) -> None:
         show("", f"aliasing: not sought among {aliasing.poses:,} poses; add --aliasing")
     if aliasing and aliasing.sought and aliasing.share is not None and not aliasing.pairs:
         share = percent(aliasing.share)
-        show("", f"aliasing: no two separate regions; {share} of the poses alike are elsewhere")
+        show("", f"aliasing: no two separate regions; {share} of the aliased poses are elsewhere")
     if aliasing and aliasing.pairs:
         pairs = (
             (
@@ -371,5 +374,5 @@ def _show_help(report: Document) -> None:
         for post in report.helps.posts
     )
     if report.helps.posts:
-        columns = "post", "x, y", "stands", "takes away", "bad floor left"
-        show("", table(columns, posts, left=("stands",)))
+        columns = "post", "x, y", "position", "removes", "bad floor left"
+        show("", table(columns, posts, left=("position",)))

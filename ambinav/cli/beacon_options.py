@@ -41,7 +41,7 @@ class BeaconOptions:
             others: Whether options that make no map for a layer are given, by name.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         for option, value, example in (
             ("--beacon-std", self.beacon_std, "0.1"),

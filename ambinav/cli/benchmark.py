@@ -91,7 +91,7 @@ class EpisodeOptions:
         """Refuse numbers outside their range.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         at_least(1, ("--episodes", self.episodes))
         at_least(0, ("--seed", self.seed))

@@ -155,7 +155,7 @@ def localizer(
         at_least(1, ("--buildings", buildings.buildings))
         if output.suffix not in YAML:
             raise InputError(
-                f"--output: {output} is no .yaml file; give e.g. {Path(name).stem}-class.yaml."
+                f"--output: {output} is not a .yaml file; give e.g. {Path(name).stem}-class.yaml."
             )
         check_file(output)
         check_apart(output, name, *scanner, *(buildings.map_file or ()))

@@ -65,5 +65,5 @@ def sensor(
         else:
             typer.echo(fit.report())
             typer.echo(
-                f"sensor: {output}; a scanner's file has its lines below `sensor:` of a part"
+                f'sensor: {output} (in a scanner file, put its lines under "sensor:" of a part)'
             )

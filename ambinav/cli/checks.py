@@ -52,7 +52,7 @@ def check_replaced(output: Path) -> None:
 
         if not is_flight(output):
             raise InputError(
-                f"--output: {output} is there and holds no route; give another name, or remove it."
+                f"--output: {output} exists and is not a route; give another name, or remove it."
             ) from error
 
 

@@ -67,7 +67,9 @@ class PositionOptions:
             InputError: there are none, or tags are to be free-standing.
         """
         if count < 1:
-            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+            raise InputError(
+                f"--{kind}s: {count} is not a valid number of {kind}s; give 1 or more."
+            )
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 

@@ -156,7 +156,7 @@ def scanners(
         chosen_layers(layers, None)
         known = distinct(chosen)
         if len(known) < len(chosen):
-            note(f"{len(chosen)} scanners are named, {len(known)} of them different.")
+            note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
         environment, _ = replace(making, layers=None).load(
@@ -257,7 +257,7 @@ class _Announcement:
         if seconds >= LONG_SECONDS:
             note(
                 f"{len(self._scanners)} maps take about {max(seconds / 60.0, 1.0):.0f} minutes, "
-                "less what the store has of them; a wider --spacing takes less."
+                "minus those that the store already has; a wider --spacing takes less."
             )
 
 

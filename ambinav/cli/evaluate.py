@@ -120,9 +120,9 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     for text in values:
         key, equals, value = text.partition("=")
         if not (equals and key.isidentifier()):
-            raise InputError(f"{text!r} is no argument; write KEY=VALUE, e.g. people=3.")
+            raise InputError(f"{text!r} is not an argument; write KEY=VALUE, e.g. people=3.")
         if key in arguments:
-            raise InputError(f"{key} is there twice; give it once.")
+            raise InputError(f"{key} is given twice; give it once.")
         try:
             arguments[key] = yaml.safe_load(value)
         except yaml.YAMLError as error:

@@ -40,7 +40,7 @@ def diff_fleets(
                  _area(each.change_m2, "+"), each.advice or "")
                 for each in report.changes
             )  # fmt: skip
-            columns = "site", "scanner", "change", "A", "B", "rise", "needs"
+            columns = "site", "scanner", "change", "A", "B", "increase", "needs"
             if report.changes:
                 left = "site", "scanner", "change", "needs"
                 show("", table(columns, rows, left=left, fold=True))

@@ -85,7 +85,7 @@ class ForecastOptions:
         """Refuse names that are unknown, before a map is opened.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         from ambinav.drive.odometries import odometry_of
         from ambinav.forecasting.localizer_class import LocalizerClass

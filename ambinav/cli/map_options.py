@@ -112,7 +112,7 @@ class BuildingOptions:
         for given in self.cad_layer or ():
             name, equals, role = given.rpartition("=")
             if not (name and equals):
-                raise InputError(f"--cad-layer: {given!r} is no NAME=ROLE; give e.g. 0=walls.")
+                raise InputError(f"--cad-layer: {given!r} is not NAME=ROLE; give e.g. 0=walls.")
             layers[name] = role
         return {
             "level": self.level,
@@ -240,8 +240,8 @@ class MapOptions:
         if scanner.beams <= FEW_BEAMS and spacing > radius / FINE:
             note(
                 f"with {scanner.beams} beams a spacing of {spacing:g} m and an ambiguity radius of "
-                f"{radius:g} m make levels too low, and let them depend on how the building lies; "
-                f"give --spacing {radius / FINE:g} or less."
+                f"{radius:g} m the levels come out too low and depend on the orientation of the "
+                f"building; give --spacing {radius / FINE:g} or less."
             )
         needs = estimate(environment, scanner, spacing, radius, self.headings).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:

@@ -117,7 +117,7 @@ class CostOptions:
         """Refuse numbers that are no valid cost.
 
         Raises:
-            InputError: there is one, or one that the planner would not look at.
+            InputError: a value or a combination of options cannot be used.
         """
         for option, given in (
             ("--clearance-weight", self.clearance_weight != 0.0),
@@ -126,7 +126,7 @@ class CostOptions:
             conflict(
                 option,
                 given and search.has_belief,
-                "is no part of what the belief planners minimise",
+                "is not part of the cost of the belief planners",
             )
         conflict(
             "--outside-weight",
@@ -253,7 +253,7 @@ class BeliefOptions:
             odometry: Name of the odometry of forecasts; None: it is not given.
 
         Raises:
-            InputError: there is one, or one that the planner would not look at.
+            InputError: a value or a combination of options cannot be used.
         """
         conflict(
             "--odometry-scale", self.odometry_scale is not None and odometry is not None,
@@ -331,7 +331,7 @@ class ResultOptions:
         """Refuse files that cannot be written, and options that contradict each other.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
         conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")

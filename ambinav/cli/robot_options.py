@@ -50,7 +50,7 @@ class RobotOptions:
         """Refuse options that do not fit the space or the outline.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         not_negative(self.robot_radius, "--robot-radius", "0.2", "metres")
         if self.space in CURVES:
@@ -66,7 +66,9 @@ class RobotOptions:
             ("--goal-heading", self.goal_heading),
         ):
             if heading is not None and not math.isfinite(heading):
-                raise InputError(f"{option}: {heading} is no heading; give degrees, e.g. 90.")
+                raise InputError(
+                    f"{option}: {heading} is not a valid heading; give degrees, e.g. 90."
+                )
             conflict(
                 option,
                 heading is not None and self.space == "r2",

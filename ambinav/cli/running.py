@@ -246,7 +246,7 @@ def check_apart(output: Path, *inputs: str | Path | None) -> None:
     """
     for read in inputs:
         if read is not None and Path(read).exists() and output.resolve() == Path(read).resolve():
-            raise InputError(f"--output: {output} is what is read; name another file.")
+            raise InputError(f"--output: {output} is also the input; name another file.")
 
 
 def check_report(study: Study, output: Path | None, image_format: str) -> None:
@@ -263,7 +263,9 @@ def check_report(study: Study, output: Path | None, image_format: str) -> None:
     from ambinav.plotting.style import FORMATS
 
     if image_format not in FORMATS:
-        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
+        raise InputError(
+            f"--pictures: {image_format!r} is not a picture format; give {' or '.join(FORMATS)}."
+        )
     if output is not None:
         check_writable(output)
         study.folder.check(output)

@@ -77,7 +77,7 @@ class SpeedOptions:
         """Refuse numbers that are no limits, and options that contradict minimum time.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         if self.minimise not in ("cost", TIME):
             raise InputError(f"--minimise: {self.minimise!r} is neither cost nor time; give one.")

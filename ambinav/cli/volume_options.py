@@ -46,7 +46,7 @@ class VolumeOptions:
         """Refuse what is no row of heights, and options for robots on the floor.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         if self.heights is not None:
             highest, asked = self.values()[-1], self.heights.split(":")
