@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
 
 Point = tuple[float, float]
+
+
+def option_name(name: str) -> str:
+    """Return the option of a field or a parameter."""
+    return f"--{name.replace('_', '-')}"
 
 
 def conflict(option: str, given: bool, reason: str) -> None:
@@ -32,6 +38,17 @@ def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
             f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
             f"{', '.join(suffixes)}."
         )
+
+
+def check_picture(picture: Path | None) -> None:
+    """Check, before the long work, that a picture can be written; None passes.
+
+    Raises:
+        InputError: see `check_suffix` and `check_file`.
+    """
+    if picture is not None:
+        check_suffix(picture, "--picture", (".png", ".pdf", ".svg"))
+        check_file(picture)
 
 
 def check_replaced(output: Path) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.studies.design.place.candidates import Kind, PlaceRules
     from ambinav.studies.design.place.document import Document
+    from ambinav.studies.design.place.placed_part import PlacedPart
     from ambinav.studies.design.region import Region
 
 
@@ -33,6 +34,7 @@ _ABOUT: Final[dict[str, tuple[tuple[Kind, ...], str]]] = {
     "keep_out": (_ANY, "--keep-out"),
 }  # fmt: skip
 """The kinds of obstacles that a field is about, and its option."""
+OBSTACLE_COLUMNS: Final = ("no.", "kind", "x (m)", "y (m)", "position")
 UNUSED_LAYERS: Final = "has no effect here: floor is judged by its zones"
 
 
@@ -159,14 +161,6 @@ class ObstacleOptions(PositionOptions):
         conflict("--seed", self.seed != 0 and not drawn, "is for --aged and --examine")
         return kind, count
 
-    def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """Return the placement rules; obstacles reflect if the scanner sees reflectors.
-
-        Raises:
-            InputError: a number is out of its range.
-        """
-        return self.rules_of(self.kind()[0], scanner)
-
 
 @dataclass(frozen=True, kw_only=True)
 class WhereBadOptions:
@@ -229,15 +223,15 @@ def place(
         space.check()
         robot.check()
         conflict("--layers", making.layers is not None, UNUSED_LAYERS)
-        _, count = obstacles.kind()
-        obstacles.rules()
+        kind, count = obstacles.kind()
+        obstacles.rules_of(kind)
         check_report(STUDY, output, pictures)
         regions, zones = bad.regions(), keep_out_zones(obstacles.keep_out)
         environment, chosen = making.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
-        rules = obstacles.rules(chosen)
+        rules = obstacles.rules_of(kind, chosen)
         checked_rules(environment, chosen, rules, count, reach, aged=obstacles.aged, keep_out=zones)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
@@ -265,26 +259,31 @@ def place(
             _show(report, output)
 
 
+def obstacle_cells(obstacle: PlacedPart) -> tuple[str, ...]:
+    """Return the cells of `OBSTACLE_COLUMNS`."""
+    heading = obstacle.direction_deg
+    return (
+        str(obstacle.number),
+        obstacle.kind if heading is None else f"{obstacle.kind} at {heading:z.0f}°",
+        f"{obstacle.x_m:.2f}",
+        f"{obstacle.y_m:.2f}",
+        "at a wall" if obstacle.on_wall else "free",
+    )
+
+
 def _show(report: Document, output: Path | None) -> None:
     unit = "m²" if report.unit == "m2" else "m"
     show(report.summary, *report.remarks)
     rows = (
         (
-            str(obstacle.number),
-            obstacle.kind
-            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:z.0f}°"),
-            f"{obstacle.x_m:.2f}",
-            f"{obstacle.y_m:.2f}",
-            "at a wall" if obstacle.on_wall else "free",
+            *obstacle_cells(obstacle),
             *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
         for obstacle in report.obstacles
     )
     if report.obstacles:
-        columns = (
-            "no.", "kind", "x (m)", "y (m)", "stands", "gain alone", "gain", "bad floor left"
-        )  # fmt: skip
-        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
+        columns = (*OBSTACLE_COLUMNS, "gain alone", "gain", "bad floor left")
+        show("", table(columns, rows, left=("kind", "position"), no_wrap=columns))
     if report.aged is not None:
         aged = report.aged
         show(

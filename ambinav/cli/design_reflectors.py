@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import conflict
-from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
+from ambinav.cli.checks import conflict, option_name
+from ambinav.cli.design_place import (
+    OBSTACLE_COLUMNS,
+    UNUSED_LAYERS,
+    PositionOptions,
+    obstacle_cells,
+)
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
@@ -19,8 +24,7 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.layers.reflectors.views import ReflectorRules
-    from ambinav.sensing.scanner import RangeScanner
-    from ambinav.studies.design.place.candidates import Kind, PlaceRules
+    from ambinav.studies.design.place.candidates import Kind
     from ambinav.studies.design.reflectors.document import Document
 
 
@@ -56,14 +60,6 @@ class NewOptions(PositionOptions):
         if count is not None:
             self.check(kind, count)
         return kind, count or 0
-
-    def positions(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """Return the rules for their positions.
-
-        Raises:
-            InputError: a number is out of its range.
-        """
-        return self.rules_of(self.asked()[0], scanner)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +98,7 @@ class NeedOptions:
             )
         except InputError as error:  # names the field
             name, _, rest = str(error).partition(" ")
-            raise InputError(f"--{name.replace('_', '-')} {rest}") from None
+            raise InputError(f"{option_name(name)} {rest}") from None
 
 
 @options.documented
@@ -136,13 +132,13 @@ def reflectors(
         conflict("--layers", making.layers is not None, UNUSED_LAYERS)
         kind, count = new.asked()
         new.check_used([kind] if count else ())
-        new.positions()
+        new.rules_of(kind)
         rules = needs.rules()
         zones = keep_out_zones(new.keep_out)
         check_report(STUDY, output, pictures)
         environment, chosen = making.load(map_file, scanner, building)
         reach = robot.reach(environment, chosen)
-        positions = new.positions(chosen) if count else None
+        positions = new.rules_of(kind, chosen) if count else None
         check_reflectors(environment, chosen, reach, positions, zones)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
@@ -171,19 +167,14 @@ def _show(report: Document, output: Path | None) -> None:
     show(report.summary, *report.remarks)
     rows = (
         (
-            str(reflector.number),
-            reflector.kind
-            + ("" if reflector.direction_deg is None else f" at {reflector.direction_deg:z.0f}°"),
-            f"{reflector.x_m:.2f}",
-            f"{reflector.y_m:.2f}",
-            "at a wall" if reflector.on_wall else "free",
+            *obstacle_cells(reflector),
             f"{reflector.after.enough_m2:,.1f} m²",
             f"{reflector.after.good_m2:,.1f} m²",
         )
         for reflector in report.reflectors
     )
     if report.reflectors:
-        columns = ("no.", "kind", "x (m)", "y (m)", "stands", "enough in view", "navigates on")
-        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
+        columns = (*OBSTACLE_COLUMNS, "enough in view", "navigates on")
+        show("", table(columns, rows, left=("kind", "position"), no_wrap=columns))
     if output is not None:
         show("", f"report: {output / 'report.html'}", wrap=False)

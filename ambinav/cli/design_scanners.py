@@ -151,9 +151,7 @@ def scanners(
         on_routes.check()
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
-        layers = () if making.layers is None else tuple(making.layers.split(","))
-        layers = tuple(name.strip() for name in layers)
-        chosen_layers(layers, None)
+        chosen_layers(making.named_layers, None)
         known = distinct(chosen)
         if len(known) < len(chosen):
             note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
@@ -172,7 +170,7 @@ def scanners(
                 radius=making.radius,
                 headings=making.headings,
                 map_std=making.map_std,
-                layers=layers,
+                layers=making.named_layers,
                 robot_radius=robot.robot_radius,
                 start=robot.start,
                 routes=routes,

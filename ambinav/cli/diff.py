@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import option_name
 from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
@@ -137,9 +138,9 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
         for field in fields(group):
             # Maps are always read without the store.
             if field.name != "no_store" and getattr(group, field.name) != field.default:
-                name = "ambiguity-radius" if field.name == "radius" else field.name
+                name = "ambiguity_radius" if field.name == "radius" else field.name
                 raise InputError(
-                    f"--{name.replace('_', '-')}: this is for buildings, but A and B are "
+                    f"{option_name(name)}: this is for buildings, but A and B are "
                     "maps that are made already; leave it out."
                 )
 

@@ -11,6 +11,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import LAYER as BEACONS
+from ambinav.cli.checks import option_name
 from ambinav.cli.running import above_zero, not_negative, note
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress
@@ -136,8 +137,8 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
             value = getattr(group, field.name)
             if value != field.default and not map_file:
                 raise InputError(
-                    f"--{field.name.replace('_', '-')}: {value!r} describes a plan; give it "
-                    "together with --map."
+                    f"{option_name(field.name)}: {value!r} describes a plan; give it together with "
+                    "--map."
                 )
 
 
@@ -313,13 +314,19 @@ class MapOptions:
             "layers": self._layer_names(scanner),
         }
 
+    @property
+    def named_layers(self) -> tuple[str, ...]:
+        """Names of additional layers as they were given, such as "all"."""
+        given = [] if self.layers is None else self.layers.split(",")
+        return tuple(name.strip() for name in given)
+
     def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Return the names of additional layers; the meaning of "all" depends on the building."""
         if self.layers is None:
             return ()
         from ambinav.layers.registry import chosen_layers
 
-        names = tuple(name.strip() for name in self.layers.split(","))
+        names = self.named_layers
         if BEACONS in names:
             raise InputError(
                 f"--layers: {BEACONS} needs the places of beacons; leave it out, and give "

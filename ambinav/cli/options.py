@@ -7,12 +7,14 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin, get_type_hints
 
 import typer
 
+from ambinav.cli.checks import option_name
 from ambinav.cli.running import note
 
 if TYPE_CHECKING:
@@ -22,13 +24,14 @@ if TYPE_CHECKING:
 _ENTRY = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
 
 
-def complete_preset(begun: str) -> list[str]:
-    """Return the presets that complete a partly typed name in the shell."""
-    from ambinav.sensing.presets import preset_names
+def completing(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return a shell completion by names that are read from a module, imported only then."""
+    return lambda incomplete: [
+        name for name in names(import_module(module)) if name.startswith(incomplete)
+    ]
 
-    return [name for name in preset_names() if name.startswith(begun)]
 
-
+complete_preset = completing("ambinav.sensing.presets", lambda presets: presets.preset_names())
 MapFile = Annotated[
     Path,
     typer.Argument(
@@ -158,7 +161,7 @@ def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tu
         plain, info = get_args(kind)
         info = copy.copy(info)  # which other commands may share
     else:
-        plain, info = kind, typer.Option(f"--{name.replace('_', '-')}")
+        plain, info = kind, typer.Option(option_name(name))
     if info.parser is None:
         info.parser = _PARSERS.get(frozenset(_leaves(plain)))
     # Python without docstrings (-OO) has options without help.

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ambinav.cli.checks import check_replaced, check_suffix, conflict
+from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict
+from ambinav.cli.options import completing
 from ambinav.cli.running import above_zero, at_least, check_file, check_writable, not_negative
 
 if TYPE_CHECKING:
@@ -23,16 +24,13 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
 
-PICTURES = (".png", ".pdf", ".svg")
 AUTO = "auto"
 BELIEF = "is for the planners belief and belief-roadmap"
 
 
-def _complete_planner(begun: str) -> list[str]:
-    """Return the planners that complete a partly typed name in the shell."""
-    from ambinav_planners.registry import PLANNERS
-
-    return [name for name in (AUTO, *PLANNERS.names()) if name.startswith(begun)]
+_complete_planner = completing(
+    "ambinav_planners.registry", lambda registry: (AUTO, *registry.PLANNERS.names())
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,7 +273,8 @@ class BeliefOptions:
 
         model = BeliefModel(max_std=math.inf if self.max_std is None else self.max_std)
         if self.start_std is not None:
-            model = replace(model, start_std=self._start(self.start_std))
+            std = (self.start_std, self.start_std, model.start_std[2])
+            model = replace(model, start_std=std)
         noise = self._noise()
         if noise is None and odometry is not None:
             noise = odometry_of(odometry)
@@ -293,12 +292,6 @@ class BeliefOptions:
         """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
         return named if scale is None else f"{scale:g} times amcl-default"
-
-    def _start(self, std: float) -> tuple[float, float, float]:
-        """Return the deviations at the start, that of the heading by default."""
-        from ambinav_planners.belief.model import BeliefModel
-
-        return (std, std, BeliefModel().start_std[2])
 
     def _noise(self) -> OdometryNoise | None:
         from ambinav.drive.noise import OdometryNoise
@@ -349,9 +342,7 @@ class ResultOptions:
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
             check_replaced(output)
-        if self.picture is not None:
-            check_suffix(self.picture, "--picture", PICTURES)
-            check_file(self.picture)
+        check_picture(self.picture)
 
 
 def _polygons(path: Path | None) -> BaseGeometry | None:

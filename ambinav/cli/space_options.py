@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ambinav.cli.checks import option_name
 from ambinav.cli.running import above_zero
 from ambinav.runtime.errors import InputError
 
@@ -21,11 +22,6 @@ EXAMPLES = {
     "voxel_points": "2",
 }  # fmt: skip
 """Options above zero, each with a good value."""
-
-
-def option(name: str) -> str:
-    """Return the option name of a field."""
-    return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +46,7 @@ class HeightOptions:
         """
         for field in fields(self):
             if field.name in EXAMPLES:
-                above_zero(getattr(self, field.name), option(field.name), EXAMPLES[field.name])
+                above_zero(getattr(self, field.name), option_name(field.name), EXAMPLES[field.name])
         with self._naming_options():
             self.settings()
 
@@ -86,7 +82,7 @@ class HeightOptions:
             name, _, remainder = str(error).partition(": ")
             if name not in [field.name for field in fields(self)]:
                 raise
-            raise InputError(f"{option(name)}: {remainder}") from error
+            raise InputError(f"{option_name(name)}: {remainder}") from error
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -144,8 +144,7 @@ class Study:
 
         names = {name: f"{name}.{image_format}" for name in figures}
         for done, (name, figure) in enumerate(figures.items(), start=1):
-            with replacing(folder / names[name]) as fresh:
-                save_figure(figure(), fresh)
+            save_figure(figure(), folder / names[name])
             progress(done / len(figures))
         return names
 
