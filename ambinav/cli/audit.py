@@ -14,7 +14,7 @@ from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import at_least, check_map_output, check_report, note, one_bar, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
@@ -114,6 +114,8 @@ def audit(
     from ambinav.studies.audit.drawing import drawing
 
     with reporting(), contextlib.ExitStack() as stack:
+        from ambinav.studies.audit.report import STUDY
+
         making.check()
         space.check()
         beacons.check()
@@ -135,12 +137,9 @@ def audit(
             report = _examine(
                 amap, environment, chosen, reach, reported, output, conditions, stage, draw
             )
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        elif not quiet:
-            _show(report, output)
-            if reported.keep is not None:
-                typer.echo(f"map: {reported.keep}")
+        finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
+        if reported.keep is not None and not (as_json or quiet):
+            typer.echo(f"map: {reported.keep}")
         gate.judge(conditions, report, map_file, as_json=as_json or quiet)
 
 
@@ -220,7 +219,7 @@ def _stages(
     }
 
 
-def _show(report: Document, output: Path) -> None:
+def _show(report: Document) -> None:
     from rich.text import Text
 
     from ambinav.maps.judged_floor import unreachable_label
@@ -252,7 +251,6 @@ def _show(report: Document, output: Path) -> None:
     _show_lost(report)
     _show_aliasing(report)
     _show_help(report)
-    show("", f"report: {output / 'report.html'}", wrap=False)
 
 
 def _show_advice(report: Document) -> None:

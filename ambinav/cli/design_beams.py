@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import (
     above_zero,
@@ -169,10 +169,7 @@ def beams(
             output,
             pictures,
         )
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, lambda report: _show(report, output), as_json=as_json)
 
 
 def _check_memory(sampled: SampleOptions, scanner: RangeScanner, maps: int) -> None:

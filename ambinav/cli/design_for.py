@@ -13,7 +13,7 @@ from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
 from ambinav.cli.running import check_report, not_negative, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
@@ -136,15 +136,12 @@ def requirement(
                 report = document(solution)
             else:
                 report = write_report(solution, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        elif not quiet:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
         if report.met is False:
             raise typer.Exit(HOLDS)
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     from ambinav.studies.design.requirement.document import money
 
     show(report.summary, *report.remarks)
@@ -164,5 +161,3 @@ def _show(report: Document, output: Path | None) -> None:
             for step in report.steps
         ]
         show("", table(columns, rows, left=("change",), no_wrap=("no.",)))
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

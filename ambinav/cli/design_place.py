@@ -12,7 +12,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
 from ambinav.cli.running import at_least, check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
@@ -253,10 +253,7 @@ def place(
                 report = document(study, count)
             else:
                 report = write_report(study, count, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
 def obstacle_cells(obstacle: PlacedPart) -> tuple[str, ...]:
@@ -271,7 +268,7 @@ def obstacle_cells(obstacle: PlacedPart) -> tuple[str, ...]:
     )
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     unit = "m²" if report.unit == "m2" else "m"
     show(report.summary, *report.remarks)
     rows = (
@@ -300,5 +297,3 @@ def _show(report: Document, output: Path | None) -> None:
             f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
             f"tried: {reached}"
         )
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

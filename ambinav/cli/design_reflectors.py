@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
@@ -17,7 +16,7 @@ from ambinav.cli.design_place import (
     obstacle_cells,
 )
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
 from ambinav.cli.running import above_zero, check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
@@ -157,13 +156,10 @@ def reflectors(
                 report = document(layout, count)
             else:
                 report = write_report(layout, count, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary, *report.remarks)
     rows = (
         (
@@ -176,5 +172,3 @@ def _show(report: Document, output: Path | None) -> None:
     if report.reflectors:
         columns = (*OBSTACLE_COLUMNS, "enough in view", "navigates on")
         show("", table(columns, rows, left=("kind", "position"), no_wrap=columns))
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

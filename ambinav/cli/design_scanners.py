@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import at_least, check_report, not_negative, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
@@ -186,10 +186,7 @@ def scanners(
                 report = write_report(compared, output, bars("report"), pictures)
             else:
                 report = document(compared)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
 def _scanner_names(named: list[str], every: bool) -> list[str]:
@@ -259,7 +256,7 @@ class _Announcement:
             )
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary, *report.remarks, "", _table(report))
     if report.fronts:
         show(f"* not dominated by bad area and {report.fronts[0].title}")
@@ -267,8 +264,6 @@ def _show(report: Document, output: Path | None) -> None:
     notes += [why for scanner in report.scanners for why in scanner.lacking.values()]
     if notes:
         show(*notes)
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)
 
 
 def _table(report: Document) -> Table:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, cast
-
-import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import (
@@ -18,7 +15,7 @@ from ambinav.cli.map_options import (
     ReachOptions,
     Spacing,
 )
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import at_least, check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
@@ -139,17 +136,14 @@ def sweep(
             report = write_report(result, environment, output, pictures)
         else:
             report = document(result)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, result, output)
+        finish(report, lambda report: _show(report, result), STUDY.page(output), as_json=as_json)
 
 
 _SHOWN = 10
 """Settings that are printed."""
 
 
-def _show(report: Document, result: SweepResult, output: Path | None) -> None:
+def _show(report: Document, result: SweepResult) -> None:
     from ambinav.studies.design.sweep.text import Words, share_text, values_text, varied_text
 
     levels, shares = Words(result).formats
@@ -170,5 +164,3 @@ def _show(report: Document, result: SweepResult, output: Path | None) -> None:
     show(report.summary, "", table(columns, rows))
     if len(result.order) > _SHOWN:
         show(f"the best {_SHOWN} of {len(result.order)} different settings")
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -13,7 +13,7 @@ from ambinav.cli import options
 from ambinav.cli.checks import option_name
 from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import above_zero, at_least, check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
@@ -92,10 +92,7 @@ def diff(
         report = document(result, places)
         if output is not None:
             write_report(result, report, output, pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
         gate.judge(conditions, report, second, as_json=as_json)
 
 
@@ -204,7 +201,7 @@ def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
     return amap.for_robot(find_reach(amap.environment, radius, robot.start))
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary)
     if report.identical:
         return
@@ -236,5 +233,3 @@ def _show(report: Document, output: Path | None) -> None:
         columns = "parameter", "A", "B"
         rows = ((each.name, each.before, each.after) for each in report.parameters)
         show("", table(columns, rows, left=columns, fold=True))
-    if output is not None:
-        show("", f"report: {output / 'diff.html'}", wrap=False)

@@ -12,7 +12,7 @@ from ambinav.cli import options
 from ambinav.cli.gate import FleetGate
 from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing
 from ambinav.cli.packages import need
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import (
     above_zero,
     check_writable,
@@ -168,11 +168,8 @@ def audit_fleet(
         if part is not None:
             _show_part(results, part, quiet=quiet)
             return
-        if as_json:
-            typer.echo(fleet.document.model_dump_json(indent=2))
-        elif not quiet:
-            _show(fleet)
-            show("", f"report: {output.rstrip('/')}/{PAGE}", wrap=False)
+        page = f"{output.rstrip('/')}/{PAGE}"
+        finish(fleet.document, lambda _: _show(fleet), page, as_json=as_json, quiet=quiet)
         _judge(fleet, conditions, gate, sites, as_json=as_json or quiet)
 
 

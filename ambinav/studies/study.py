@@ -93,6 +93,10 @@ class Study:
         """File name of the page."""
         return f"{self.stem}.html"
 
+    def page(self, output: Path | None) -> Path | None:
+        """Return the path of the page of a report in a folder; None: there is no folder."""
+        return None if output is None else output / self.html
+
     @property
     def markdown(self) -> str:
         """File name of the report as text."""
