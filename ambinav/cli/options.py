@@ -137,7 +137,11 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
                 inspect.Parameter(
                     field.name,
                     inspect.Parameter.KEYWORD_ONLY,
-                    default=field.default,
+                    default=(
+                        inspect.Parameter.empty
+                        if field.default is dataclasses.MISSING
+                        else field.default
+                    ),
                     annotation=Annotated[plain, info],
                 )
             )
