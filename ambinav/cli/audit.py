@@ -90,10 +90,10 @@ def audit(
     scanner: options.Scanner,
     output: Annotated[Path, typer.Option("--output", "-o")],
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
-    reported: ReportOptions,
+    report_options: ReportOptions,
     gate: AuditGate,
     beacons: BeaconOptions,
     as_json: options.AsJson = False,
@@ -116,14 +116,16 @@ def audit(
     with reporting(), contextlib.ExitStack() as stack:
         from ambinav.studies.audit.report import STUDY
 
-        making.check()
+        map_options.check()
         space.check()
         beacons.check()
         robot.check()
         conditions = gate.conditions(output)
-        reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
-        reported.check(output)
-        environment, chosen = making.load(
+        report_options = replace(
+            report_options, aliasing=gate.aliasing(conditions, report_options.aliasing)
+        )
+        report_options.check(output)
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         beacons.check_suited(environment, chosen)
@@ -131,15 +133,17 @@ def audit(
         # Before the long work, so that a start inside a wall is refused at once.
         reach = robot.reach(environment, chosen)
         draw = stack.enter_context(drawing())
-        with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
-            built = making.build(environment, chosen, stage("ambiguity"))
+        with one_bar(
+            as_json or quiet, _stages(map_options, environment, chosen, report_options)
+        ) as stage:
+            built = map_options.build(environment, chosen, stage("ambiguity"))
             amap = beacons.add(built, environment).for_robot(reach)
             report = _examine(
-                amap, environment, chosen, reach, reported, output, conditions, stage, draw
+                amap, environment, chosen, reach, report_options, output, conditions, stage, draw
             )
         finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
-        if reported.keep is not None and not (as_json or quiet):
-            typer.echo(f"map: {reported.keep}")
+        if report_options.keep is not None and not (as_json or quiet):
+            typer.echo(f"map: {report_options.keep}")
         gate.judge(conditions, report, map_file, as_json=as_json or quiet)
 
 
@@ -148,7 +152,7 @@ def _examine(
     environment: Environment,
     scanner: RangeScanner,
     reach: Reach,
-    reported: ReportOptions,
+    report_options: ReportOptions,
     output: Path,
     conditions: tuple[Condition, ...],
     stage: Stages,
@@ -164,11 +168,11 @@ def _examine(
     from ambinav.studies.audit.report import write_audit
 
     aliasing = None
-    if reported.aliasing is not False:
+    if report_options.aliasing is not False:
         seeking = stage("aliasing")
-        aliasing = find_aliasing(amap, environment, reported.aliasing, report=seeking)
+        aliasing = find_aliasing(amap, environment, report_options.aliasing, report=seeking)
     result = examine(
-        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
+        amap, environment, scanner, places=report_options.places, aliasing=aliasing, reach=reach
     )
 
     forecasting, advising = stage("routes"), stage("advice")
@@ -190,32 +194,37 @@ def _examine(
         result = forecast(result)
         go_on()
         gate = GateCheck(conditions, result) if conditions else None
-        return advise(result, posts=reported.posts, gate=gate, report=report)
+        return advise(result, posts=report_options.posts, gate=gate, report=report)
 
-    if reported.no_advice:
+    if report_options.no_advice:
         result = forecast(result)
     report = write_audit(
-        result, output, stage("pictures"), reported.pictures,
-        None if reported.no_advice else advised, draw,
+        result, output, stage("pictures"), report_options.pictures,
+        None if report_options.no_advice else advised, draw,
     )  # fmt: skip
-    if reported.keep is not None:
-        amap.save(reported.keep)
+    if report_options.keep is not None:
+        amap.save(report_options.keep)
     return report
 
 
 def _stages(
-    making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
+    map_options: MapOptions,
+    environment: Environment,
+    scanner: RangeScanner,
+    report_options: ReportOptions,
 ) -> dict[str, float]:
     """Return the steps of an audit with their approximate durations, seconds."""
     from ambinav.map_building.estimate import estimate
 
-    needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)
+    needs = estimate(
+        environment, scanner, map_options.spacing, map_options.radius, map_options.headings
+    )
     return {
         "ambiguity": needs.seconds,
-        "aliasing": 0.0 if reported.aliasing is False else 0.5,
-        "pictures": 0.5 + 0.25 * reported.places,
+        "aliasing": 0.0 if report_options.aliasing is False else 0.5,
+        "pictures": 0.5 + 0.25 * report_options.places,
         "routes": 1.5,
-        "advice": 0.0 if reported.no_advice else 1.5,
+        "advice": 0.0 if report_options.no_advice else 1.5,
     }
 
 

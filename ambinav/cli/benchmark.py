@@ -100,9 +100,9 @@ class EpisodeOptions:
 @options.documented
 def benchmark(
     methods: MethodOptions,
-    driven: EpisodeOptions,
+    episode_options: EpisodeOptions,
     building: BuildingOptions,
-    frozen: SubmissionOptions,
+    submission: SubmissionOptions,
     values: Annotated[list[str] | None, typer.Argument()] = None,
     output: Annotated[Path, typer.Option("--output", "-o")] = OUTPUT,
     pictures: options.Pictures = "png",
@@ -126,15 +126,16 @@ def benchmark(
     """
     with reporting():
         own = MethodOptions(policy=methods.policy, trust=methods.trust)
-        if frozen.wanted(
+        if submission.wanted(
             methods == own
-            and (driven, building) == (EpisodeOptions(quick=driven.quick), BuildingOptions())
+            and (episode_options, building)
+            == (EpisodeOptions(quick=episode_options.quick), BuildingOptions())
             and (values, output, pictures) == (None, OUTPUT, "png")
         ):
-            frozen.run(methods.policy or [], methods.trust, driven.quick, as_json)
+            submission.run(methods.policy or [], methods.trust, episode_options.quick, as_json)
             return
-        driven.check()
-        check_with_map(driven.map_file, building)
+        episode_options.check()
+        check_with_map(episode_options.map_file, building)
         common = arguments_of(values or [])
         # Missing companions of a policy's file are reported when it is loaded.
         need("the leaderboard", ENVIRONMENTS)
@@ -143,7 +144,7 @@ def benchmark(
         from ambinav_envs.leaderboard.report import benchmark as run
 
         check_report(STUDY, output, pictures)
-        board = _board(methods, driven, building, common)
+        board = _board(methods, episode_options, building, common)
         with resumable(output / WORK, "what is finished is"), progress_bars(as_json) as bars:
             rows = run(board, output, bars, pictures)
         if as_json:
@@ -154,7 +155,7 @@ def benchmark(
 
 def _board(
     methods: MethodOptions,
-    driven: EpisodeOptions,
+    episode_options: EpisodeOptions,
     building: BuildingOptions,
     common: dict[str, Any],
 ) -> Board:
@@ -162,17 +163,21 @@ def _board(
     from ambinav_envs.leaderboard.board import Board, chosen_suites, settings_for
     from ambinav_envs.leaderboard.methods import all_methods
 
-    count, buildings = (QUICK_EPISODES, QUICK_BUILDINGS) if driven.quick else (EPISODES, BUILDINGS)
-    suites, tasks = driven.suite or [], driven.task or []
+    count, buildings = (
+        (QUICK_EPISODES, QUICK_BUILDINGS) if episode_options.quick else (EPISODES, BUILDINGS)
+    )
+    suites, tasks = episode_options.suite or [], episode_options.task or []
     chosen = chosen_suites(suites, tasks)
     named = [name for entry in chosen for name in entry.planners]
     policies = [*(methods.policy or []), *(p for entry in chosen for p in entry.policies or ())]
     shipped = not chosen or any(entry.policies is None for entry in chosen)
     return Board(
         all_methods(methods.planner or named, policies, trust=methods.trust, shipped=shipped),
-        settings_for(driven.map_file or [], buildings, suites, tasks, **building.reading()),
-        driven.episodes or count,
-        driven.seed,
+        settings_for(
+            episode_options.map_file or [], buildings, suites, tasks, **building.reading()
+        ),
+        episode_options.episodes or count,
+        episode_options.seed,
         common,
         methods.force,
     )

@@ -119,7 +119,7 @@ def requirement(
     output: options.ReportFolder = None,
     obstacles: PositionOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
     forecasts: ForecastOptions,
@@ -148,13 +148,13 @@ def requirement(
         from ambinav.studies.design.requirement.study import meet_requirement
         from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
 
-        making.check()
+        map_options.check()
         space.check()
         robot.check()
         request = changes.check(required, obstacles, forecasts)
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         check_report(STUDY, output, pictures)
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
@@ -167,7 +167,7 @@ def requirement(
             solution = meet_requirement(
                 environment,
                 chosen,
-                lambda env, mounted: making.build(env, mounted, bars(f"map: {mounted.name}")),
+                lambda env, mounted: map_options.build(env, mounted, bars(f"map: {mounted.name}")),
                 request.allowed,
                 request.costs,
                 obstacles.rules_of,

@@ -199,7 +199,7 @@ def place(
     output: options.ReportFolder = None,
     bad: WhereBadOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
     pictures: options.Pictures = "png",
@@ -219,22 +219,22 @@ def place(
         from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import checked_rules, place_obstacles
 
-        making.check()
+        map_options.check()
         space.check()
         robot.check()
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         kind, count = obstacles.kind()
         obstacles.rules_of(kind)
         check_report(STUDY, output, pictures)
         regions, zones = bad.regions(), keep_out_zones(obstacles.keep_out)
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
         rules = obstacles.rules_of(kind, chosen)
         checked_rules(environment, chosen, rules, count, reach, aged=obstacles.aged, keep_out=zones)
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"))
+            amap = map_options.build(environment, chosen, bars("ambiguity"))
             study = place_obstacles(
                 environment,
                 chosen,

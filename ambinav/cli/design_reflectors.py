@@ -109,7 +109,7 @@ def reflectors(
     output: options.ReportFolder = None,
     needs: NeedOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     robot: ReachOptions,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
@@ -126,21 +126,21 @@ def reflectors(
         from ambinav.studies.design.reflectors.report import STUDY, write_report
         from ambinav.studies.design.reflectors.study import check_reflectors, plan_reflectors
 
-        making.check()
+        map_options.check()
         robot.check()
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         kind, count = new.asked()
         new.check_used([kind] if count else ())
         new.rules_of(kind)
         rules = needs.rules()
         zones = keep_out_zones(new.keep_out)
         check_report(STUDY, output, pictures)
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = map_options.load(map_file, scanner, building)
         reach = robot.reach(environment, chosen)
         positions = new.rules_of(kind, chosen) if count else None
         check_reflectors(environment, chosen, reach, positions, zones)
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"))
+            amap = map_options.build(environment, chosen, bars("ambiguity"))
             layout = plan_reflectors(
                 environment,
                 chosen,

@@ -116,7 +116,7 @@ def scanners(
     output: options.ReportFolder = None,
     *,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: ComparedSpaceOptions,
     robot: ReachOptions,
     on_routes: RouteOptions,
@@ -145,19 +145,19 @@ def scanners(
         from ambinav.studies.design.scanners.document import document
         from ambinav.studies.design.scanners.report import STUDY, write_report
 
-        making.check()
+        map_options.check()
         space.check()
         robot.check()
         on_routes.check()
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
-        chosen_layers(making.named_layers, None)
+        chosen_layers(map_options.named_layers, None)
         known = distinct(chosen)
         if len(known) < len(chosen):
             note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
-        environment, _ = replace(making, layers=None).load(
+        environment, _ = replace(map_options, layers=None).load(
             map_file, space.carrier(known), building, space, robot.robot_radius or 0.0
         )
         if every and environment.space is None:
@@ -166,11 +166,11 @@ def scanners(
             compared = compare_scanners(
                 environment,
                 known,
-                spacing=making.spacing,
-                radius=making.radius,
-                headings=making.headings,
-                map_std=making.map_std,
-                layers=making.named_layers,
+                spacing=map_options.spacing,
+                radius=map_options.radius,
+                headings=map_options.headings,
+                map_std=map_options.map_std,
+                layers=map_options.named_layers,
                 robot_radius=robot.robot_radius,
                 start=robot.start,
                 routes=routes,
@@ -179,7 +179,9 @@ def scanners(
                 model=on_routes.model(),
                 costs=table_of_costs,
                 height=space.height,
-                store=options.store_of(making.no_store, _Announcement(making, environment, known)),
+                store=options.store_of(
+                    map_options.no_store, _Announcement(map_options, environment, known)
+                ),
                 progress=bars(f"{len(known)} scanners"),
             )
             if output is not None:
@@ -229,9 +231,9 @@ class _Announcement:
     """Announcement of the total duration before the first map, if it is long."""
 
     def __init__(
-        self, making: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
+        self, map_options: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
     ) -> None:
-        self._making, self._environment, self._scanners = making, environment, scanners
+        self._map_options, self._environment, self._scanners = map_options, environment, scanners
         self._said = False
 
     def __call__(self) -> None:
@@ -240,12 +242,16 @@ class _Announcement:
         self._said = True
         from ambinav.map_building.estimate import estimate
 
-        making = self._making
-        if not 0.0 < making.spacing <= making.radius:
+        map_options = self._map_options
+        if not 0.0 < map_options.spacing <= map_options.radius:
             return  # which `build_map` refuses
         seconds = sum(
             estimate(
-                self._environment, scanner, making.spacing, making.radius, making.headings
+                self._environment,
+                scanner,
+                map_options.spacing,
+                map_options.radius,
+                map_options.headings,
             ).seconds
             for scanner in self._scanners
         )

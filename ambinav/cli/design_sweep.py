@@ -98,8 +98,8 @@ def sweep(
         from ambinav.studies.design.sweep.sweep import sweep_scanner
         from ambinav.studies.design.sweep.vary import Variation
 
-        making = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
-        making.check()
+        map_options = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
+        map_options.check()
         space.check()
         robot.check()
         where.check()
@@ -110,7 +110,7 @@ def sweep(
         check_report(STUDY, output, pictures)
         variations = [Variation.parse(text) for text in vary]
         region = where.region()
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         with progress_bars(as_json) as bars:

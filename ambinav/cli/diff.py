@@ -39,7 +39,7 @@ def diff(
     scanner: Annotated[str | None, typer.Option("--scanner", "-s")] = None,
     scanner_b: str | None = None,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
     wall_tolerance: float | None = None,
@@ -68,7 +68,7 @@ def diff(
         from ambinav.studies.diff.document import document
         from ambinav.studies.diff.report import STUDY, write_report
 
-        making.check()
+        map_options.check()
         space.check()
         robot.check()
         above_zero(wall_tolerance, "--wall-tolerance", "0.1")
@@ -78,13 +78,13 @@ def diff(
         scanners = scanner, scanner_b or scanner
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
-            _refuse_building_options(building, making, space)
+            _refuse_building_options(building, map_options, space)
         for place, other in ((first, second), (second, first)):
             if _is_map(place) and not _is_map(other):
-                making = _as_made(place, making)
+                map_options = _as_made(place, map_options)
         with progress_bars(as_json) as bars:
             amaps = [
-                _open(path, named, building, making, space, bars(f"map {letter}"))
+                _open(path, named, building, map_options, space, bars(f"map {letter}"))
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
@@ -142,7 +142,7 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
                 )
 
 
-def _as_made(place: str, making: MapOptions) -> MapOptions:
+def _as_made(place: str, map_options: MapOptions) -> MapOptions:
     """Return the options of a map for a building that is compared with it, where none is given.
 
     Raises:
@@ -153,22 +153,22 @@ def _as_made(place: str, making: MapOptions) -> MapOptions:
     made = json.loads(AmbiguityMap.open(place).dataset.attrs["parameters"])
     own = {
         field.name: made[field.name]
-        for field in fields(making)
+        for field in fields(map_options)
         if field.name in AS_MADE
-        and getattr(making, field.name) == field.default
+        and getattr(map_options, field.name) == field.default
         and made[field.name] != field.default
     }
     if own:
         texts = ", ".join(f"{AS_MADE[name]} {value}" for name, value in own.items())
         note(f"the building is mapped as {place} is, with {texts}.")
-    return replace(making, **own)
+    return replace(map_options, **own)
 
 
 def _open(
     path: str,
     scanner: str | None,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     progress: Progress,
 ) -> AmbiguityMap:
@@ -181,8 +181,8 @@ def _open(
 
     if scanner is None or _is_map(path):
         return AmbiguityMap.open(path)
-    environment, chosen = making.load(Path(path), scanner, building, space)
-    made = making.build(environment, chosen, progress)
+    environment, chosen = map_options.load(Path(path), scanner, building, space)
+    made = map_options.build(environment, chosen, progress)
     made.source = path
     return made
 

@@ -26,7 +26,7 @@ def build(
     scanner: options.Scanner,
     output: Annotated[str, typer.Option("--output", "-o")],
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     tiling: TileOptions,
     flying: VolumeOptions,
@@ -51,7 +51,7 @@ def build(
             are never inside a wall.
     """
     with reporting():
-        making.check()
+        map_options.check()
         space.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
         flying.check(space, tiling)
@@ -60,17 +60,19 @@ def build(
         if tiling.tile is None or "://" not in output:
             check_map_output(output)
         if flying.heights is not None:
-            flying.build(map_file, scanner, building, making, space, robot_radius, output, as_json)
+            flying.build(
+                map_file, scanner, building, map_options, space, robot_radius, output, as_json
+            )
             return
-        environment, chosen = making.load(map_file, scanner, building, space, robot_radius)
+        environment, chosen = map_options.load(map_file, scanner, building, space, robot_radius)
         if tiling.tile is not None:
-            settings = making.settings(environment, chosen, robot_radius)
+            settings = map_options.settings(environment, chosen, robot_radius)
             tiling.build(environment, settings, output, as_json)
             return
         beacons.check_suited(environment, chosen)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)
+            amap = map_options.build(environment, chosen, bars("ambiguity"), robot_radius)
             amap = beacons.add(amap, environment)
         seconds = time.perf_counter() - start
         amap.save(output)
