@@ -13,9 +13,10 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.gate import AuditGate
+from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
-from ambinav.cli.running import at_least, check_map_output, check_report, note, one_bar, reporting
+from ambinav.cli.running import check_map_output, check_report, note, one_bar, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Stages
@@ -47,10 +48,10 @@ class ReportOptions:
 
     PANEL: ClassVar[str] = "Report"
 
-    places: int = 10
+    places: Natural = 10
     aliasing: Annotated[bool | None, typer.Option("--aliasing/--no-aliasing")] = None
     keep: Annotated[str | None, typer.Option("--save-map")] = None
-    posts: int | None = None
+    posts: Annotated[int | None, at_least(0)] = None
     no_advice: bool = False
     pictures: options.Pictures = "png"
 
@@ -62,7 +63,6 @@ class ReportOptions:
         """
         from ambinav.studies.audit.report import STUDY
 
-        at_least(0, ("--places", self.places), ("--posts", self.posts))
         if self.posts and self.no_advice:
             raise InputError(
                 "--posts: posts are part of the advice, which --no-advice leaves out; give only "
@@ -116,10 +116,8 @@ def audit(
     with reporting(), contextlib.ExitStack() as stack:
         from ambinav.studies.audit.report import STUDY
 
-        map_options.check()
         space.check()
         beacons.check()
-        robot.check()
         conditions = gate.conditions(output)
         report_options = replace(
             report_options, aliasing=gate.aliasing(conditions, report_options.aliasing)

@@ -10,10 +10,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.cli.submission import SubmissionOptions
 
 if TYPE_CHECKING:
@@ -72,9 +73,9 @@ class EpisodeOptions:
     PANEL: ClassVar[str] = "Episodes"
 
     episodes: Annotated[
-        int | None, typer.Option("--episodes", "-n", show_default=f"{EPISODES}")
+        int | None, at_least(1), typer.Option("--episodes", "-n", show_default=f"{EPISODES}")
     ] = None
-    seed: int = 0
+    seed: Natural = 0
     suite: list[str] | None = None
     task: list[str] | None = None
     map_file: Annotated[list[Path] | None, typer.Option("--map")] = None
@@ -86,15 +87,6 @@ class EpisodeOptions:
             "--submit one in each of 3.",
         ),
     ] = False
-
-    def check(self) -> None:
-        """Refuse numbers outside their range.
-
-        Raises:
-            InputError: a value or a combination of options cannot be used.
-        """
-        at_least(1, ("--episodes", self.episodes))
-        at_least(0, ("--seed", self.seed))
 
 
 @options.documented
@@ -134,7 +126,6 @@ def benchmark(
         ):
             submission.run(methods.policy or [], methods.trust, episode_options.quick, as_json)
             return
-        episode_options.check()
         check_with_map(episode_options.map_file, building)
         common = arguments_of(values or [])
         # Missing companions of a policy's file are reported when it is loaded.

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import at_least
 from ambinav.cli.printing import finish, show, table
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.runtime.processes import processors
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ FORECAST = "forecast"
 def compare(
     scenario_file: Annotated[Path, typer.Argument()],
     output: Annotated[Path, typer.Option("--output", "-o")],
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j")] = None,
-    episodes: Annotated[int | None, typer.Option("--episodes", "-n")] = None,
+    jobs: Annotated[int | None, at_least(1), typer.Option("--jobs", "-j")] = None,
+    episodes: Annotated[int | None, at_least(1), typer.Option("--episodes", "-n")] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
     trust: options.Trust = False,
@@ -62,7 +63,6 @@ def compare(
         episodes (N): Number of drives per route. [default: the scenario's `runs`]
     """
     with reporting():
-        at_least(1, ("--jobs", jobs), ("--episodes", episodes))
         from ambinav.runtime.runfolder import WORK
         from ambinav.studies.compare.report import STUDY, compare_routes
         from ambinav.studies.compare.scenario_file import load_scenario

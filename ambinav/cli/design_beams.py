@@ -9,17 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import Count, Natural
 from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import (
-    above_zero,
-    at_least,
-    check_report,
-    not_negative,
-    progress_bars,
-    reporting,
-)
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress
 
@@ -45,12 +39,12 @@ class SampleOptions(RegionOptions):
 
     PANEL: ClassVar[str] = "Places"
 
-    places: int = 800
+    places: Count = 800
     spacing: Spacing = 0.2
     radius: AmbiguityRadius = 0.5
     map_std: MapStd = None
     robot_radius: RobotRadius = None
-    seed: int = 1
+    seed: Natural = 1
 
     def check(self, maps: int) -> None:
         """Check what can be checked before a building is read.
@@ -58,17 +52,11 @@ class SampleOptions(RegionOptions):
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        at_least(1, ("--places", self.places))
-        at_least(0, ("--seed", self.seed))
-        above_zero(self.spacing, "--spacing", "0.2")
-        above_zero(self.radius, "--ambiguity-radius", "0.5")
         if self.radius < self.spacing:
             raise InputError(
                 f"--ambiguity-radius: {self.radius:g} m is less than the spacing of "
                 f"{self.spacing:g} m; give at least one spacing."
             )
-        not_negative(self.map_std, "--map-std", "0.05")
-        above_zero(self.robot_radius, "--robot-radius", "0.2")
         check_one(self.polygon, self.route)
         for option, given in (("--polygon", self.polygon), ("--route", self.route)):
             if given is not None and maps > 1:

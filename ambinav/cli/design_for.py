@@ -13,10 +13,11 @@ from ambinav.cli.checks import conflict
 from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
+from ambinav.cli.limits import not_negative
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
-from ambinav.cli.running import check_report, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -58,7 +59,7 @@ class RequirementOptions:
 
     may: list[str]
     cost: Path
-    budget: float | None = None
+    budget: Annotated[float | None, not_negative("500", "an amount")] = None
     places: Path | None = None
     keep_out: KeepOut = None
 
@@ -79,7 +80,6 @@ class RequirementOptions:
         from ambinav.studies.design.requirement.requirement import Requirement
         from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
 
-        not_negative(self.budget, "--budget", "500", "an amount")
         if required is None and self.budget is None:
             raise InputError(
                 'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
@@ -148,9 +148,7 @@ def requirement(
         from ambinav.studies.design.requirement.study import meet_requirement
         from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
 
-        map_options.check()
         space.check()
-        robot.check()
         request = changes.check(required, obstacles, forecasts)
         conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         check_report(STUDY, output, pictures)

@@ -11,10 +11,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
+from ambinav.cli.limits import Natural
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -129,9 +130,9 @@ class ObstacleOptions(PositionOptions):
     panels: int | None = None
     tags: int | None = None
     keep_out: KeepOut = None
-    aged: int = 0
+    aged: Natural = 0
     examine: bool = False
-    seed: int = 0
+    seed: Natural = 0
 
     def kind(self) -> tuple[Kind, int]:
         """Return the kind and number of the obstacles.
@@ -156,7 +157,6 @@ class ObstacleOptions(PositionOptions):
         (kind, count), = requested  # fmt: skip
         self.check(kind, count)
         self.check_used([kind])
-        at_least(0, ("--seed", self.seed), ("--aged", self.aged))
         drawn = self.aged > 0 or self.examine
         conflict("--seed", self.seed != 0 and not drawn, "is for --aged and --examine")
         return kind, count
@@ -219,9 +219,7 @@ def place(
         from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import checked_rules, place_obstacles
 
-        map_options.check()
         space.check()
-        robot.check()
         conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         kind, count = obstacles.kind()
         obstacles.rules_of(kind)

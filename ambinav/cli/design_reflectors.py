@@ -15,10 +15,11 @@ from ambinav.cli.design_place import (
     PositionOptions,
     obstacle_cells,
 )
+from ambinav.cli.limits import above_zero
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
-from ambinav.cli.running import above_zero, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class NeedOptions:
     PANEL: ClassVar[str] = "Navigation"
 
     needed: int = 3
-    reflector_range: float | None = None
+    reflector_range: Annotated[float | None, above_zero("20")] = None
     max_incidence: float = 45.0
     tolerance: float = 0.1
     max_std: float = 0.05
@@ -90,7 +91,6 @@ class NeedOptions:
         """
         from ambinav.layers.reflectors.views import ReflectorRules
 
-        above_zero(self.reflector_range, "--reflector-range", "20")
         try:
             return ReflectorRules(
                 self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
@@ -126,8 +126,6 @@ def reflectors(
         from ambinav.studies.design.reflectors.report import STUDY, write_report
         from ambinav.studies.design.reflectors.study import check_reflectors, plan_reflectors
 
-        map_options.check()
-        robot.check()
         conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         kind, count = new.asked()
         new.check_used([kind] if count else ())

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import Count, Natural, above_zero, not_negative
 from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
-from ambinav.cli.running import at_least, check_report, not_negative, note, progress_bars, reporting
+from ambinav.cli.running import check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -43,21 +44,10 @@ class RouteOptions:
     PANEL: ClassVar[str] = "Routes"
 
     route: list[Path] | None = None
-    pairs: int = 20
-    seed: int = 0
-    odometry_scale: float = 0.25
-    localizer_beams: int = 60
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: a value cannot be used.
-        """
-        at_least(0, ("--pairs", self.pairs), ("--seed", self.seed))
-        not_negative(self.odometry_scale, "--odometry-scale", "0.25", "a number")
-        if self.localizer_beams < 1:
-            raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
+    pairs: Natural = 20
+    seed: Natural = 0
+    odometry_scale: Annotated[float, not_negative("0.25", "a number")] = 0.25
+    localizer_beams: Count = 60
 
     def routes(self) -> list[tuple[str, Route]] | None:
         """Return the given routes with their files; None if none is given.
@@ -88,7 +78,7 @@ class ComparedSpaceOptions(SpaceOptions):
             [default: 0.3]
     """
 
-    scanner_height: float | None = None
+    scanner_height: Annotated[float | None, above_zero("0.3")] = None
 
     @property
     def height(self) -> float:
@@ -145,10 +135,7 @@ def scanners(
         from ambinav.studies.design.scanners.document import document
         from ambinav.studies.design.scanners.report import STUDY, write_report
 
-        map_options.check()
         space.check()
-        robot.check()
-        on_routes.check()
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
         chosen_layers(map_options.named_layers, None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, cast
 
 from ambinav.cli import options
+from ambinav.cli.limits import Natural
 from ambinav.cli.map_options import (
     AmbiguityRadius,
     BuildingOptions,
@@ -17,7 +18,7 @@ from ambinav.cli.map_options import (
 )
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -44,17 +45,8 @@ class SweptOptions(RegionOptions):
 
     heading: float | None = None
     headings: int | None = None
-    places: int = 1000
-    seed: int = 0
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: options do not go together, or a number is out of its range.
-        """
-        check_one(self.polygon, self.route)
-        at_least(0, ("--places", self.places), ("--seed", self.seed))
+    places: Natural = 1000
+    seed: Natural = 0
 
 
 @options.documented
@@ -99,10 +91,8 @@ def sweep(
         from ambinav.studies.design.sweep.vary import Variation
 
         map_options = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
-        map_options.check()
         space.check()
-        robot.check()
-        where.check()
+        check_one(where.polygon, where.route)
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
                 "--robot-radius, --start: all floor of a route counts; leave them out with --route."

@@ -12,9 +12,10 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.checks import option_name
 from ambinav.cli.gate import DiffGate
+from ambinav.cli.limits import Natural, above_zero
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
-from ambinav.cli.running import above_zero, at_least, check_report, note, progress_bars, reporting
+from ambinav.cli.running import check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import STORE, kind_of_path
@@ -42,8 +43,8 @@ def diff(
     map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
-    wall_tolerance: float | None = None,
-    places: int = 10,
+    wall_tolerance: Annotated[float | None, above_zero("0.1")] = None,
+    places: Natural = 10,
     pictures: options.Pictures = "png",
     gate: DiffGate,
     as_json: options.AsJson = False,
@@ -68,11 +69,7 @@ def diff(
         from ambinav.studies.diff.document import document
         from ambinav.studies.diff.report import STUDY, write_report
 
-        map_options.check()
         space.check()
-        robot.check()
-        above_zero(wall_tolerance, "--wall-tolerance", "0.1")
-        at_least(0, ("--places", places))
         conditions = gate.conditions(output)
         check_report(STUDY, output, pictures)
         scanners = scanner, scanner_b or scanner

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict, option_name
+from ambinav.cli.limits import above_zero
 from ambinav.cli.plan_options import AUTO, CostOptions, ResultOptions, SearchOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.robot_options import RobotOptions
-from ambinav.cli.running import above_zero, check_file
+from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,8 +81,7 @@ def plan_flight(
             )
     search.check()
     cost.check(search)
-    above_zero(robot.robot_radius, "--robot-radius", "0.2")
-    above_zero(robot.half_height, "--half-height", "0.2")
+    above_zero("0.2").check(robot.robot_radius, "--robot-radius")
     from ambinav_planners.flight_route import SUFFIXES
 
     check_suffix(output, "--output", SUFFIXES)

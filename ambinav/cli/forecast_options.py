@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.checks import option_name
+from ambinav.cli.limits import above_zero
 from ambinav.cli.options import completing
-from ambinav.cli.running import above_zero
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
@@ -49,9 +49,9 @@ class ForecastOptions:
     odometry: Annotated[
         str | None, typer.Option(show_default=ODOMETRY, autocompletion=_complete_odometry)
     ] = None
-    position_limit: float | None = None
-    lateral_limit: float | None = None
-    heading_limit: float | None = None
+    position_limit: Annotated[float | None, above_zero("1.2")] = None
+    lateral_limit: Annotated[float | None, above_zero("0.3")] = None
+    heading_limit: Annotated[float | None, above_zero("15", "degrees")] = None
 
     @property
     def wanted(self) -> bool:
@@ -82,9 +82,6 @@ class ForecastOptions:
                 check(value)
             except InputError as error:
                 raise InputError(f"{option}: {error}") from None
-        above_zero(self.position_limit, "--position-limit", "1.2")
-        above_zero(self.lateral_limit, "--lateral-limit", "0.3")
-        above_zero(self.heading_limit, "--heading-limit", "15", "degrees")
 
     def check_no_program(self) -> None:
         """Refuse a localizer that drives would start as a program.

@@ -10,8 +10,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
+from ambinav.cli.limits import not_negative
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.running import check_map_output, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_map_output, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
 from ambinav.cli.volume_options import VolumeOptions
@@ -31,7 +32,7 @@ def build(
     tiling: TileOptions,
     flying: VolumeOptions,
     beacons: BeaconOptions,
-    robot_radius: float = 0.0,
+    robot_radius: Annotated[float, not_negative("0.2")] = 0.0,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -51,9 +52,7 @@ def build(
             are never inside a wall.
     """
     with reporting():
-        map_options.check()
         space.check()
-        not_negative(robot_radius, "--robot-radius", "0.2")
         flying.check(space, tiling)
         beacons.check(heights=flying.heights is not None, tile=tiling.tile is not None)
         tiling.check(output)

@@ -12,7 +12,8 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.beacon_options import LAYER as BEACONS
 from ambinav.cli.checks import option_name
-from ambinav.cli.running import above_zero, not_negative, note
+from ambinav.cli.limits import above_zero, at_least, not_negative
+from ambinav.cli.running import note
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress
 
@@ -33,10 +34,13 @@ LARGE_BYTES = 4e9
 
 
 Spacing = Annotated[
-    float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
+    float,
+    above_zero("0.1"),
+    typer.Option("--spacing", metavar="M", help="Distance between map cells, metres."),
 ]
 AmbiguityRadius = Annotated[
     float,
+    above_zero("0.5"),
     typer.Option(
         "--ambiguity-radius",
         metavar="M",
@@ -45,6 +49,7 @@ AmbiguityRadius = Annotated[
 ]
 MapStd = Annotated[
     float | None,
+    not_negative("0.05"),
     typer.Option(
         "--map-std",
         metavar="M",
@@ -54,6 +59,7 @@ MapStd = Annotated[
 ]
 RobotRadius = Annotated[
     float | None,
+    above_zero("0.2"),
     typer.Option(
         "--robot-radius",
         metavar="M",
@@ -156,24 +162,10 @@ class MapOptions:
 
     spacing: Spacing = 0.1
     radius: AmbiguityRadius = 0.5
-    headings: int | None = None
+    headings: Annotated[int | None, at_least(1)] = None
     map_std: MapStd = None
     layers: str | None = None
     no_store: options.NoStore = False
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: an option has a value that cannot be used.
-        """
-        above_zero(self.spacing, "--spacing", "0.1")
-        above_zero(self.radius, "--ambiguity-radius", "0.5")
-        not_negative(self.map_std, "--map-std", "0.05")
-        if self.headings is not None and self.headings < 1:
-            raise InputError(
-                f"--headings: {self.headings} is not a number of headings; give 1 or more."
-            )
 
     def load(
         self,
@@ -348,14 +340,6 @@ class ReachOptions:
 
     robot_radius: RobotRadius = None
     start: tuple[float, float] | None = None
-
-    def check(self) -> None:
-        """Check the radius before the long work.
-
-        Raises:
-            InputError: it is not above 0.
-        """
-        above_zero(self.robot_radius, "--robot-radius", "0.2")
 
     def reach(self, environment: Environment, scanner: RangeScanner) -> Reach:
         """Find the floor that the robot reaches; of a radius not given, that of the scanner.

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin, get_type_hints
 
 import typer
+from typer.models import ParameterInfo
 
 from ambinav.cli.checks import option_name
-from ambinav.cli.running import note
+from ambinav.cli.limits import Limit
+from ambinav.cli.running import note, reporting
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
@@ -113,15 +115,18 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     A parameter may also be an option group: a dataclass, whose fields are options in a panel of the
     help with the title that its `PANEL` gives, described by its docstring under "Attributes"; the
     command gets the group.
+
+    A `Limit` in the annotation of a parameter or a field is checked before the command runs.
     """
     hints = get_type_hints(command, include_extras=True)
     text, _, own = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
     groups: dict[str, Any] = {}
+    limits: list[tuple[str, str, Limit]] = []
     parameters = []
     for parameter in inspect.signature(command).parameters.values():
         kind: Any = hints[parameter.name]
         if not dataclasses.is_dataclass(kind):
-            plain, info = _described(parameter.name, kind, _entries(own))
+            plain, info = _described(parameter.name, kind, _entries(own), limits)
             parameters.append(
                 parameter.replace(
                     annotation=Annotated[plain, info], kind=inspect.Parameter.KEYWORD_ONLY
@@ -131,7 +136,7 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
         groups[parameter.name] = kind
         types, entries = get_type_hints(kind, include_extras=True), _entries_of(kind)
         for field in dataclasses.fields(kind):
-            plain, info = _described(field.name, types[field.name], entries)
+            plain, info = _described(field.name, types[field.name], entries, limits)
             info.rich_help_panel = groups[parameter.name].PANEL
             parameters.append(
                 inspect.Parameter(
@@ -148,6 +153,9 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def expanded(**given: Any) -> None:
+        with reporting():
+            for name, option, limit in limits:
+                limit.check(given[name], option)
         for name, kind in groups.items():
             own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
             given[name] = kind(**own)
@@ -159,13 +167,25 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     return expanded
 
 
-def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tuple[Any, Any]:
-    """Return the type of a parameter, and its option or argument with the text of its entry."""
-    if get_origin(kind) is Annotated:
-        plain, info = get_args(kind)
-        info = copy.copy(info)  # which other commands may share
-    else:
-        plain, info = kind, typer.Option(option_name(name))
+def _described(
+    name: str, kind: Any, entries: Mapping[str, re.Match[str]], limits: list[tuple[str, str, Limit]]
+) -> tuple[Any, Any]:
+    """Return the type of a parameter, and its option or argument with the text of its entry.
+
+    Args:
+        name: Name of the parameter.
+        kind: Its annotation.
+        entries: Entries of the docstring.
+        limits: Gets the parameter's limits, each with the name of the parameter and the option.
+    """
+    plain, *marks = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+    infos = [mark for mark in marks if isinstance(mark, ParameterInfo)]
+    # Which other commands may share.
+    info: Any = copy.copy(infos[0]) if infos else typer.Option(option_name(name))
+    # In an annotation typer keeps the first name as the default.
+    names = (info.default, *(info.param_decls or ()), option_name(name))
+    option = next(text for text in map(str, names) if text.startswith("--"))
+    limits += [(name, option, mark) for mark in marks if isinstance(mark, Limit)]
     if info.parser is None:
         info.parser = _PARSERS.get(frozenset(_leaves(plain)))
     # Python without docstrings (-OO) has options without help.

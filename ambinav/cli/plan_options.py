@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict
+from ambinav.cli.limits import above_zero, at_least, not_negative
 from ambinav.cli.options import completing
-from ambinav.cli.running import above_zero, at_least, check_file, check_writable, not_negative
+from ambinav.cli.running import check_file, check_writable
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -52,8 +53,8 @@ class SearchOptions:
         AUTO
     )
     time: Annotated[float, typer.Option("--time", "-t")] = 1.0
-    iterations: int | None = None
-    seed: int | None = None
+    iterations: Annotated[int | None, at_least(1)] = None
+    seed: Annotated[int | None, at_least(0)] = None
     improve: Annotated[
         bool, typer.Option(help="Shorten and smooth the route; its cost never rises.")
     ] = True
@@ -64,16 +65,13 @@ class SearchOptions:
         return self.planner.startswith("belief")
 
     def check(self) -> None:
-        """Refuse an invalid time, number of iterations or seed.
+        """Refuse an invalid time.
 
         Raises:
-            InputError: the time is not above zero, or inf without a number of iterations; or
-                another is out of its range.
+            InputError: the time is not above zero, or inf without a number of iterations.
         """
-        at_least(1, ("--iterations", self.iterations))
-        at_least(0, ("--seed", self.seed))
         if not (self.time == math.inf and self.iterations is not None):
-            above_zero(self.time, "--time", "1", "seconds")
+            above_zero("1", "seconds").check(self.time, "--time")
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -104,15 +102,15 @@ class CostOptions:
 
     PANEL: ClassVar[str] = "Cost"
 
-    weight: Annotated[float, typer.Option("--weight", "-w")] = 5.0
+    weight: Annotated[float, not_negative("5", "a number"), typer.Option("--weight", "-w")] = 5.0
     layer: str | None = None
-    clearance_weight: float = 0.0
-    comfort: float = 0.5
+    clearance_weight: Annotated[float, not_negative("1", "a number")] = 0.0
+    comfort: Annotated[float, above_zero("0.5")] = 0.5
     prefer: Path | None = None
-    outside_weight: float | None = None
+    outside_weight: Annotated[float | None, not_negative("1", "a number")] = None
 
     def check(self, search: SearchOptions) -> None:
-        """Refuse numbers that are no valid cost.
+        """Refuse options that have no effect together.
 
         Raises:
             InputError: a value or a combination of options cannot be used.
@@ -131,15 +129,11 @@ class CostOptions:
             self.outside_weight is not None and self.prefer is None,
             "is for --prefer",
         )
-        not_negative(self.outside_weight, "--outside-weight", "1", "a number")
-        not_negative(self.weight, "--weight", "5", "a number")
-        above_zero(self.comfort, "--comfort", "0.5")
         conflict(
             "--comfort",
             self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
             "is for --clearance-weight",
         )
-        not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
     @property
     def adds_metres(self) -> bool:
@@ -240,11 +234,11 @@ class BeliefOptions:
     PANEL: ClassVar[str] = "Belief planners"
 
     max_std: float | None = None
-    start_std: float | None = None
-    odometry_scale: float | None = None
+    start_std: Annotated[float | None, not_negative("0.1", "a number")] = None
+    odometry_scale: Annotated[float | None, not_negative("0.25", "a number")] = None
 
     def check(self, search: SearchOptions, odometry: str | None) -> None:
-        """Refuse numbers that are no valid deviation, and a second odometry.
+        """Refuse options for other planners, and a second odometry.
 
         Args:
             search: The planner.
@@ -257,14 +251,12 @@ class BeliefOptions:
             "--odometry-scale", self.odometry_scale is not None and odometry is not None,
             "is an odometry, and --odometry another",
         )  # fmt: skip
-        for option, value, example in (
-            ("--max-std", self.max_std, ""),
-            ("--start-std", self.start_std, "0.1"),
-            ("--odometry-scale", self.odometry_scale, "0.25"),
+        for option, value in (
+            ("--max-std", self.max_std),
+            ("--start-std", self.start_std),
+            ("--odometry-scale", self.odometry_scale),
         ):
             conflict(option, value is not None and not search.has_belief, BELIEF)
-            if example:
-                not_negative(value, option, example, "a number")
 
     def arguments(self, odometry: str | None) -> dict[str, Any]:
         """Return the arguments of `RoutePlanner` about the belief; see `check`."""
