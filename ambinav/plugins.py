@@ -293,7 +293,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
             return sys.modules[known]
         spec = importlib.util.spec_from_file_location(known, path)
         if spec is None or spec.loader is None:
-            raise ImportError("it is no Python file")
+            raise ImportError("it is not a Python file")
         module = importlib.util.module_from_spec(spec)
         sys.modules[known] = module
         try:

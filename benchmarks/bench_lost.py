@@ -200,7 +200,9 @@ def cases_of(
             stretch = longest_bad(amap, poses, record["distance"])
             guess = math.nan if other is None else other(amap, poses, driven.noise)
             if other is not None and not 0.0 <= guess <= 1.0:
-                raise SystemExit(f"--forecast: {guess} for {path} is no probability; give 0 to 1.")
+                raise SystemExit(
+                    f"--forecast: {guess} for {path} is not a probability; give 0 to 1."
+                )
             cases.append(
                 Case(
                     driven, scanner, odometry, record["error"], record["lost_at"],

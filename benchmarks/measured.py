@@ -176,7 +176,7 @@ def misses(answers: str | None = None) -> list[str]:
     answers = ANSWERS.read_text(encoding="utf-8") if answers is None else answers
     known = {(f"{figure.value} {figure.unit}".strip(), figure.spread) for figure in figures()}
     sentences = [
-        f"{ANSWERS.name}: '{value} ({spread})' is no figure of {PAGE.name}"
+        f"{ANSWERS.name}: '{value} ({spread})' is not a figure of {PAGE.name}"
         for value, spread in STATED.findall(" ".join(answers.split()))
         if (value, spread) not in known
     ]

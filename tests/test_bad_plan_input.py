@@ -88,7 +88,7 @@ BAD = {
     ),
     "unused clearance": (
         ["--planner", "belief", "--clearance-weight", "1"],
-        "--clearance-weight is no part",
+        "--clearance-weight is not part",
     ),
     "graph over graph": (
         ["--from-graph", "g.geojson", "--priced-graph", "g.geojson"],

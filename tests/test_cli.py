@@ -353,7 +353,7 @@ def test_calibrate_sensor(runner, folder):
     same = ("pairs.csv", "-o", f"{folder}/pairs.csv", "--max-range", "5", "--resolution", "0.01")
     over = runner.invoke(app, ["calibrate", "sensor", *same])
     assert over.exit_code == 2
-    assert "pairs.csv is what is read; name another file" in over.stderr
+    assert "pairs.csv is also the input; name another file" in over.stderr
     assert (folder / "pairs.csv").read_bytes() == before
 
 

@@ -101,7 +101,7 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
         (["plug.py:spinner", "peple=3"], "did you mean people"),
         (["plug.py:spinner", "people"], "write KEY=VALUE"),
         (["plug.py:spinner", "people=[1"], "cannot be read"),
-        (["plug.py:spinner", "people=1", "people=2"], "people is there twice"),
+        (["plug.py:spinner", "people=1", "people=2"], "people is given twice"),
         (["plug.py:spinner", "-n", "0"], "--episodes: 0 is too few"),
         (["plug.py:spinner", "--seed", "-1"], "--seed: -1 is negative"),
         (["plug.py:spinner", "--suite", "ofice"], "office"),

@@ -93,7 +93,7 @@ def test_help_has_an_example(runner: CliRunner) -> None:
         (("--to", "npz", "-o", "m.npz", "--layer", "level"), "--layer: npz does not look at it"),
         (("--to", "nav2-path-json", "-o", "m.json"), "--route is given 0 times"),
         (("--to", "nav2-path-json", "-o", "m.json", "--route", "no.csv"), "no.csv: "),
-        (("--to", "nav2-keepout", "-o", "m.yaml", "--zone", "opne"), "'opne' is no zone"),
+        (("--to", "nav2-keepout", "-o", "m.yaml", "--zone", "opne"), "'opne' is not a zone"),
         (
             ("--to", "nav2-keepout", "-o", "m.yaml", "--zone", "open", "--threshold", "0.5"),
             "give one",
@@ -116,7 +116,10 @@ def test_help_has_an_example(runner: CliRunner) -> None:
         (("--to", "nav2-route-graph", "-o", "m.geojson", "--milestones", "1"), "give 2 or more"),
         (("--to", "npz", "-o", "notes.txt/m.npz"), "notes.txt is a file, not a folder"),
         (("--to", "drive-tum", "-o", "out"), "--drive is given 0 times"),
-        (("--to", "drive-tum", "-o", "out", "--drive", "notes.txt"), "this is no drive of ambinav"),
+        (
+            ("--to", "drive-tum", "-o", "out", "--drive", "notes.txt"),
+            "this is not a drive of ambinav",
+        ),
     ],
 )
 def test_bad_input(

@@ -106,7 +106,7 @@ def test_a_path_message_and_a_table(runner: CliRunner, folder: Path) -> None:
     assert flat.exit_code == 0, flat.output
     (folder / "r.json").write_text("{}")
     done = runner.invoke(app, [*PLAN, "-o", "r.json"])
-    assert done.exit_code == 2 and "holds no route" in done.stderr
+    assert done.exit_code == 2 and "exists and is not a route" in done.stderr
     assert (folder / "r.json").read_text() == "{}"
     (folder / "r.json").unlink()
 

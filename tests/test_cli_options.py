@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from ambinav.cli import app
+from ambinav.cli.limits import Count, Natural, above_zero, not_negative
 from ambinav.cli.options import documented
 
 
@@ -64,6 +65,37 @@ def test_numbers(given: tuple[str, ...], said: str) -> None:
 
     result = CliRunner().invoke(small, given, env={"COLUMNS": "200"})
     assert said in result.output
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("-e", "0"), "--edge: 0 is not above zero; give metres, e.g. 0.1."),
+        (("-e", "nan"), "--edge: nan is not above zero; give metres, e.g. 0.1."),
+        (("-e", "inf"), "--edge: inf is not finite; give metres, e.g. 0.1."),
+        (("-e", "2e9"), "--edge: 2e+09 is too large; give metres, e.g. 0.1."),
+        (("--share-of", "-1"), "--share-of: -1 is not zero or above; give a number, e.g. 2."),
+        (("--count", "0"), "--count: 0 is too few; give 1 or more."),
+        (("--left", "-1"), "--left: -1 is negative; give 0 or more."),
+        (("-e", "1e9", "--share-of", "0", "--count", str(10**12)), ""),
+    ],
+)
+def test_limits(given: tuple[str, ...], said: str) -> None:
+    small = typer.Typer()
+
+    @small.command()
+    @documented
+    def show(
+        edge: Annotated[float, above_zero("0.1"), typer.Option("--edge", "-e")] = 1.0,
+        share_of: Annotated[float | None, not_negative("2", "a number")] = None,
+        count: Count = 1,
+        left: Natural = 0,
+    ) -> None:
+        """Show numbers."""
+
+    result = CliRunner().invoke(small, given)
+    assert result.exit_code == (2 if said else 0)
+    assert result.stderr == (f"ambinav: error: {said}\n" if said else "")
 
 
 def test_fields_are_options_that_the_docstrings_describe() -> None:

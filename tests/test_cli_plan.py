@@ -85,9 +85,7 @@ def test_a_file_that_is_no_route_is_not_replaced(
     (plan_folder / name).write_bytes(kept)
     result = runner.invoke(app, [*PLAN, "-o", name])
     assert result.exit_code == 2, result.output
-    assert f"{name} is there and holds no route; give another name" in " ".join(
-        result.stderr.split()
-    )
+    assert f"{name} exists and is not a route; give another name" in " ".join(result.stderr.split())
     assert (plan_folder / name).read_bytes() == kept
 
 
@@ -406,4 +404,4 @@ def test_least_time(runner: CliRunner, plan_folder: Path) -> None:
     assert quick["duration_s"] > quick["length_m"] / 0.8
     assert quick["length_m"] >= short["length_m"] - 1e-6
     printed = runner.invoke(app, [*PLAN, "-o", "r.csv", *options])
-    assert "s by the errors that localization comes to at its places" in printed.stdout
+    assert "s, by the error that localization settles to at each place" in printed.stdout

@@ -73,7 +73,7 @@ BAD = {
     "glass": (["--level", "0", "--glass", "bullet"], "glass is 'bullet'"),
     "unit": (["--level", "0", "--unit", "m"], "unit means nothing for a building model"),
     "layer": (["--level", "0", "--cad-layer", "S1=walls"], "layers means nothing for a building"),
-    "no pair": (["--level", "0", "--cad-layer", "S1"], "--cad-layer: 'S1' is no NAME=ROLE"),
+    "no pair": (["--level", "0", "--cad-layer", "S1"], "--cad-layer: 'S1' is not NAME=ROLE"),
 }
 
 

@@ -179,8 +179,8 @@ def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Pat
     ([*PLANAR, "--in-space"], "in_space means nothing for a drawn plan"),
     ([*LIDAR, "--in-space", "--extrude", "2"], "leave one of the two out"),
     ([*PLANAR, "--floor", "0"], "--floor: "),
-    ([*PLANAR, "--robot-height", "1"], "is no mesh"),
-    ([*PLANAR, "--voxel", "0.1"], "is no point cloud"),
+    ([*PLANAR, "--robot-height", "1"], "is not a mesh"),
+    ([*PLANAR, "--voxel", "0.1"], "is not a point cloud"),
     ([*PLANAR, "--voxel", "0"], "--voxel: 0 is not above zero"),
     ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
 ])  # fmt: skip
@@ -197,7 +197,7 @@ def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) ->
     (["--scanner-height", "0.3", "--in-space"], "--in-space: "),
     (["--scanner-height", "0.3", "--up", "w"], "up is 'w'"),
     (["--scanner-height", "0.3", "--floor", "9"], "floor is 9"),
-    (["--scanner-height", "0.3", "--voxel-points", "2"], "is no point cloud"),
+    (["--scanner-height", "0.3", "--voxel-points", "2"], "is not a point cloud"),
 ])  # fmt: skip
 def test_refused_for_a_mesh(runner: CliRunner, room: Path, options: list[str], part: str) -> None:
     result = runner.invoke(app, ["map", str(room), *PLANAR, *options, "-o", "a.zarr"])

@@ -163,7 +163,7 @@ def test_prune(folder) -> None:
     assert "1 removed" in run("store", "prune", "--all").stdout
     assert store_json("list")["maps"] == []
     stderr = run("store", "prune", "--limit", "lots", status=2).stderr
-    assert "--limit: 'lots' is no size; give e.g. 500 MB or 2 GB." in stderr
+    assert "--limit: 'lots' is not a size; give e.g. 500 MB or 2 GB." in stderr
 
 
 @pytest.mark.parametrize("command", ["list", "show", "verify", "prune"])

@@ -124,7 +124,7 @@ def test_a_dataclass_checks_its_fields_by_their_annotations(values: Any, message
 
 @pytest.mark.parametrize("bad", [[1.0, 2.0, 3.0], "north", [[1.0], [2.0, 3.0]], {}])
 def test_arrays_that_do_not_match(bad: Any) -> None:
-    with pytest.raises(InputError, match=r"^x and y are no numbers of matching shapes \(.*give"):
+    with pytest.raises(InputError, match=r"^x and y cannot be broadcast together \(.*give"):
         as_arrays(x=[0.0, 1.0], y=bad)
 
 

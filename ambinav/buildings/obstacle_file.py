@@ -102,7 +102,9 @@ def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
     """
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list) or document.get("type") != "FeatureCollection":
-        raise InputError(f"{label}: it is no FeatureCollection of GeoJSON; give one of obstacles.")
+        raise InputError(
+            f"{label}: this is not a FeatureCollection of GeoJSON; give one of obstacles."
+        )
     return tuple(_drawn(f"{label}: obstacle {k}", feature) for k, feature in enumerate(features, 1))
 
 
@@ -110,7 +112,7 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
     members: dict[str, Any] = feature if isinstance(feature, dict) else {}
     properties, geometry = members.get("properties"), members.get("geometry")
     if not isinstance(properties, dict) or not isinstance(geometry, dict):
-        raise InputError(f"{label} is no Feature with properties and a geometry; correct it.")
+        raise InputError(f"{label} is not a Feature with properties and a geometry; correct it.")
     kind, shape = properties.get("kind"), geometry.get("type")
     if kind not in KINDS:
         raise InputError(f"{label}: kind is {reprlib.repr(kind)}; give {', '.join(KINDS)}.")
@@ -142,7 +144,7 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
 
 def _point(label: str, node: Any) -> tuple[float, float]:
     if not isinstance(node, list | tuple) or len(node) < 2 or not all(map(is_number, node[:2])):
-        raise InputError(f"{label}: {reprlib.repr(node)} is no point; give x and y in metres.")
+        raise InputError(f"{label}: {reprlib.repr(node)} is not a point; give x and y in metres.")
     return float(node[0]), float(node[1])
 
 

@@ -90,7 +90,7 @@ def read(path: str | Path, **options: Any) -> Environment:
     with MAP_READERS.calling(suffix):
         environment = reader.read(path, **given)
         if not isinstance(environment, Environment):
-            raise TypeError(f"it is no Environment but {environment!r}")
+            raise TypeError(f"it is not an Environment but {environment!r}")
     return environment
 
 

@@ -55,7 +55,7 @@ def unpacked(data: Bytes) -> SpaceCaster:
     try:
         return _unpacked(data)
     except (*DAMAGED, shapely.errors.ShapelyError) as error:
-        raise InputError(f"these bytes are no building in space ({error})") from error
+        raise InputError(f"these bytes are not a building in space ({error})") from error
 
 
 def _unpacked(data: Bytes) -> SpaceCaster:

@@ -13,9 +13,10 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.gate import AuditGate
+from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_map_output, check_report, note, one_bar, reporting
+from ambinav.cli.printing import finish, show, table
+from ambinav.cli.running import check_map_output, check_report, note, one_bar, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Stages
@@ -47,10 +48,10 @@ class ReportOptions:
 
     PANEL: ClassVar[str] = "Report"
 
-    places: int = 10
+    places: Natural = 10
     aliasing: Annotated[bool | None, typer.Option("--aliasing/--no-aliasing")] = None
     keep: Annotated[str | None, typer.Option("--save-map")] = None
-    posts: int | None = None
+    posts: Annotated[int | None, at_least(0)] = None
     no_advice: bool = False
     pictures: options.Pictures = "png"
 
@@ -62,9 +63,11 @@ class ReportOptions:
         """
         from ambinav.studies.audit.report import STUDY
 
-        at_least(0, ("--places", self.places), ("--posts", self.posts))
         if self.posts and self.no_advice:
-            raise InputError(f"--posts: {self.posts} are advice; leave --no-advice out.")
+            raise InputError(
+                "--posts: posts are part of the advice, which --no-advice leaves out; give only "
+                "one of the two."
+            )
         check_report(STUDY, output, self.pictures)
         if self.keep is not None:
             from ambinav.maps.address import Address
@@ -87,10 +90,10 @@ def audit(
     scanner: options.Scanner,
     output: Annotated[Path, typer.Option("--output", "-o")],
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
-    reported: ReportOptions,
+    report_options: ReportOptions,
     gate: AuditGate,
     beacons: BeaconOptions,
     as_json: options.AsJson = False,
@@ -111,14 +114,16 @@ def audit(
     from ambinav.studies.audit.drawing import drawing
 
     with reporting(), contextlib.ExitStack() as stack:
-        making.check()
+        from ambinav.studies.audit.report import STUDY
+
         space.check()
         beacons.check()
-        robot.check()
         conditions = gate.conditions(output)
-        reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
-        reported.check(output)
-        environment, chosen = making.load(
+        report_options = replace(
+            report_options, aliasing=gate.aliasing(conditions, report_options.aliasing)
+        )
+        report_options.check(output)
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         beacons.check_suited(environment, chosen)
@@ -126,18 +131,17 @@ def audit(
         # Before the long work, so that a start inside a wall is refused at once.
         reach = robot.reach(environment, chosen)
         draw = stack.enter_context(drawing())
-        with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
-            built = making.build(environment, chosen, stage("ambiguity"))
+        with one_bar(
+            as_json or quiet, _stages(map_options, environment, chosen, report_options)
+        ) as stage:
+            built = map_options.build(environment, chosen, stage("ambiguity"))
             amap = beacons.add(built, environment).for_robot(reach)
             report = _examine(
-                amap, environment, chosen, reach, reported, output, conditions, stage, draw
+                amap, environment, chosen, reach, report_options, output, conditions, stage, draw
             )
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        elif not quiet:
-            _show(report, output)
-            if reported.keep is not None:
-                typer.echo(f"map: {reported.keep}")
+        finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
+        if report_options.keep is not None and not (as_json or quiet):
+            typer.echo(f"map: {report_options.keep}")
         gate.judge(conditions, report, map_file, as_json=as_json or quiet)
 
 
@@ -146,7 +150,7 @@ def _examine(
     environment: Environment,
     scanner: RangeScanner,
     reach: Reach,
-    reported: ReportOptions,
+    report_options: ReportOptions,
     output: Path,
     conditions: tuple[Condition, ...],
     stage: Stages,
@@ -162,11 +166,11 @@ def _examine(
     from ambinav.studies.audit.report import write_audit
 
     aliasing = None
-    if reported.aliasing is not False:
+    if report_options.aliasing is not False:
         seeking = stage("aliasing")
-        aliasing = find_aliasing(amap, environment, reported.aliasing, progress=seeking)
+        aliasing = find_aliasing(amap, environment, report_options.aliasing, progress=seeking)
     result = examine(
-        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
+        amap, environment, scanner, places=report_options.places, aliasing=aliasing, reach=reach
     )
 
     forecasting, advising = stage("routes"), stage("advice")
@@ -188,36 +192,41 @@ def _examine(
         result = forecast(result)
         go_on()
         gate = GateCheck(conditions, result) if conditions else None
-        return advise(result, posts=reported.posts, gate=gate, progress=report)
+        return advise(result, posts=report_options.posts, gate=gate, progress=report)
 
-    if reported.no_advice:
+    if report_options.no_advice:
         result = forecast(result)
     report = write_audit(
-        result, output, stage("pictures"), reported.pictures,
-        None if reported.no_advice else advised, draw,
+        result, output, stage("pictures"), report_options.pictures,
+        None if report_options.no_advice else advised, draw,
     )  # fmt: skip
-    if reported.keep is not None:
-        amap.save(reported.keep)
+    if report_options.keep is not None:
+        amap.save(report_options.keep)
     return report
 
 
 def _stages(
-    making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
+    map_options: MapOptions,
+    environment: Environment,
+    scanner: RangeScanner,
+    report_options: ReportOptions,
 ) -> dict[str, float]:
     """Return the steps of an audit with their approximate durations, seconds."""
     from ambinav.map_building.estimate import estimate
 
-    needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)
+    needs = estimate(
+        environment, scanner, map_options.spacing, map_options.radius, map_options.headings
+    )
     return {
         "ambiguity": needs.seconds,
-        "aliasing": 0.0 if reported.aliasing is False else 0.5,
-        "pictures": 0.5 + 0.25 * reported.places,
+        "aliasing": 0.0 if report_options.aliasing is False else 0.5,
+        "pictures": 0.5 + 0.25 * report_options.places,
         "routes": 1.5,
-        "advice": 0.0 if reported.no_advice else 1.5,
+        "advice": 0.0 if report_options.no_advice else 1.5,
     }
 
 
-def _show(report: Document, output: Path) -> None:
+def _show(report: Document) -> None:
     from rich.text import Text
 
     from ambinav.maps.judged_floor import unreachable_label
@@ -249,7 +258,6 @@ def _show(report: Document, output: Path) -> None:
     _show_lost(report)
     _show_aliasing(report)
     _show_help(report)
-    show("", f"report: {output / 'report.html'}", wrap=False)
 
 
 def _show_advice(report: Document) -> None:
@@ -259,7 +267,7 @@ def _show_advice(report: Document) -> None:
     if report.verdict is None or not report.verdict.tried:
         return
     tried = table(
-        ("tried", "bad floor then", "95 % interval", "pays"),
+        ("tried", "bad floor after", "95 % interval", "pays"),
         (
             (
                 change.title,
@@ -322,7 +330,7 @@ def _show_lost(report: Document) -> None:
     )
     show("", report.lost.text)
     if report.lost.routes:
-        columns = "from x, y", "to x, y", "length", "lost", "most near", "error"
+        columns = "from x, y", "to x, y", "length", "lost", "mostly near", "error"
         show("", table(columns, rows, left=("error",)))
 
 
@@ -334,7 +342,7 @@ def _show_aliasing(report: Document) -> None:
         show("", f"aliasing: not sought among {aliasing.poses:,} poses; add --aliasing")
     if aliasing and aliasing.sought and aliasing.share is not None and not aliasing.pairs:
         share = percent(aliasing.share)
-        show("", f"aliasing: no two separate regions; {share} of the poses alike are elsewhere")
+        show("", f"aliasing: no two separate regions; {share} of the aliased poses are elsewhere")
     if aliasing and aliasing.pairs:
         pairs = (
             (
@@ -371,5 +379,5 @@ def _show_help(report: Document) -> None:
         for post in report.helps.posts
     )
     if report.helps.posts:
-        columns = "post", "x, y", "stands", "takes away", "bad floor left"
-        show("", table(columns, posts, left=("stands",)))
+        columns = "post", "x, y", "position", "removes", "bad floor left"
+        show("", table(columns, posts, left=("position",)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from ambinav.cli.checks import conflict
-from ambinav.cli.running import above_zero
+from ambinav.cli.limits import above_zero
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -31,24 +31,23 @@ class BeaconOptions:
     PANEL: ClassVar[str] = "Beacons"
 
     beacons: Path | None = None
-    beacon_std: float | None = None
-    beacon_range: float | None = None
+    beacon_std: Annotated[float | None, above_zero("0.1")] = None
+    beacon_range: Annotated[float | None, above_zero("30")] = None
 
     def check(self, **others: bool) -> None:
-        """Refuse a file without points, numbers that are none, and options that do not go together.
+        """Refuse a file without points, and options that do not go together.
 
         Args:
             others: Whether options that make no map for a layer are given, by name.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
-        for option, value, example in (
-            ("--beacon-std", self.beacon_std, "0.1"),
-            ("--beacon-range", self.beacon_range, "30"),
+        for option, value in (
+            ("--beacon-std", self.beacon_std),
+            ("--beacon-range", self.beacon_range),
         ):
             conflict(option, value is not None and self.beacons is None, "is for --beacons")
-            above_zero(value, option, example)
         for name, given in others.items():
             conflict("--beacons", given and self.beacons is not None, f"is not for --{name}")
         self._options()

@@ -10,10 +10,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.cli.submission import SubmissionOptions
 
 if TYPE_CHECKING:
@@ -72,9 +73,9 @@ class EpisodeOptions:
     PANEL: ClassVar[str] = "Episodes"
 
     episodes: Annotated[
-        int | None, typer.Option("--episodes", "-n", show_default=f"{EPISODES}")
+        int | None, at_least(1), typer.Option("--episodes", "-n", show_default=f"{EPISODES}")
     ] = None
-    seed: int = 0
+    seed: Natural = 0
     suite: list[str] | None = None
     task: list[str] | None = None
     map_file: Annotated[list[Path] | None, typer.Option("--map")] = None
@@ -87,22 +88,13 @@ class EpisodeOptions:
         ),
     ] = False
 
-    def check(self) -> None:
-        """Refuse numbers outside their range.
-
-        Raises:
-            InputError: there is one.
-        """
-        at_least(1, ("--episodes", self.episodes))
-        at_least(0, ("--seed", self.seed))
-
 
 @options.documented
 def benchmark(
     methods: MethodOptions,
-    driven: EpisodeOptions,
+    episode_options: EpisodeOptions,
     building: BuildingOptions,
-    frozen: SubmissionOptions,
+    submission: SubmissionOptions,
     values: Annotated[list[str] | None, typer.Argument()] = None,
     output: Annotated[Path, typer.Option("--output", "-o")] = OUTPUT,
     pictures: options.Pictures = "png",
@@ -126,15 +118,15 @@ def benchmark(
     """
     with reporting():
         own = MethodOptions(policy=methods.policy, trust=methods.trust)
-        if frozen.wanted(
+        if submission.wanted(
             methods == own
-            and (driven, building) == (EpisodeOptions(quick=driven.quick), BuildingOptions())
+            and (episode_options, building)
+            == (EpisodeOptions(quick=episode_options.quick), BuildingOptions())
             and (values, output, pictures) == (None, OUTPUT, "png")
         ):
-            frozen.run(methods.policy or [], methods.trust, driven.quick, as_json)
+            submission.run(methods.policy or [], methods.trust, episode_options.quick, as_json)
             return
-        driven.check()
-        check_with_map(driven.map_file, building)
+        check_with_map(episode_options.map_file, building)
         common = arguments_of(values or [])
         # Missing companions of a policy's file are reported when it is loaded.
         need("the leaderboard", ENVIRONMENTS)
@@ -143,7 +135,7 @@ def benchmark(
         from ambinav_envs.leaderboard.report import benchmark as run
 
         check_report(STUDY, output, pictures)
-        board = _board(methods, driven, building, common)
+        board = _board(methods, episode_options, building, common)
         with resumable(output / WORK, "what is finished is"), progress_bars(as_json) as bars:
             rows = run(board, output, bars, pictures)
         if as_json:
@@ -154,7 +146,7 @@ def benchmark(
 
 def _board(
     methods: MethodOptions,
-    driven: EpisodeOptions,
+    episode_options: EpisodeOptions,
     building: BuildingOptions,
     common: dict[str, Any],
 ) -> Board:
@@ -162,17 +154,21 @@ def _board(
     from ambinav_envs.leaderboard.board import Board, chosen_suites, settings_for
     from ambinav_envs.leaderboard.methods import all_methods
 
-    count, buildings = (QUICK_EPISODES, QUICK_BUILDINGS) if driven.quick else (EPISODES, BUILDINGS)
-    suites, tasks = driven.suite or [], driven.task or []
+    count, buildings = (
+        (QUICK_EPISODES, QUICK_BUILDINGS) if episode_options.quick else (EPISODES, BUILDINGS)
+    )
+    suites, tasks = episode_options.suite or [], episode_options.task or []
     chosen = chosen_suites(suites, tasks)
     named = [name for entry in chosen for name in entry.planners]
     policies = [*(methods.policy or []), *(p for entry in chosen for p in entry.policies or ())]
     shipped = not chosen or any(entry.policies is None for entry in chosen)
     return Board(
         all_methods(methods.planner or named, policies, trust=methods.trust, shipped=shipped),
-        settings_for(driven.map_file or [], buildings, suites, tasks, **building.reading()),
-        driven.episodes or count,
-        driven.seed,
+        settings_for(
+            episode_options.map_file or [], buildings, suites, tasks, **building.reading()
+        ),
+        episode_options.episodes or count,
+        episode_options.seed,
         common,
         methods.force,
     )

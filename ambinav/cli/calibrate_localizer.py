@@ -12,18 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import Count, Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, Spacing, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import (
-    above_zero,
-    at_least,
-    check_apart,
-    check_file,
-    progress_bars,
-    reporting,
-    resumable,
-)
+from ambinav.cli.running import check_apart, check_file, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +48,7 @@ class DrivenBuildings:
 
     map_file: Annotated[list[Path] | None, typer.Option("--map")] = None
     suite: list[str] | None = None
-    buildings: int = 4
+    buildings: Count = 4
 
     def load(self, reading: BuildingOptions) -> dict[str, Environment]:
         """Load and draw the buildings, by name.
@@ -94,9 +87,9 @@ class DriveOptions:
     PANEL: ClassVar[str] = "Drives"
 
     odometry: list[str] | None = None
-    routes: int = 8
-    runs: int = 32
-    seed: int = 0
+    routes: Count = 8
+    runs: Annotated[int, at_least(2)] = 32
+    seed: Natural = 0
     spacing: Spacing = 0.1
 
     def settings(self, scanners: list[str]) -> StudySettings:
@@ -105,11 +98,6 @@ class DriveOptions:
         Raises:
             InputError: a scanner or an odometry is unknown, or a number is out of its range.
         """
-        at_least(1, ("--routes", self.routes))
-        at_least(0, ("--seed", self.seed))
-        above_zero(self.spacing, "--spacing", "0.1")
-        if self.runs < 2:
-            raise InputError(f"--runs: {self.runs} is too few; give 2 or more.")
         from ambinav.drive.odometries import odometry_of
         from ambinav.forecasting.study_drives import StudySettings
         from ambinav.sensing.scanner import RangeScanner
@@ -152,10 +140,9 @@ def localizer(
     """
     with reporting():
         check_with_map(buildings.map_file, building)
-        at_least(1, ("--buildings", buildings.buildings))
         if output.suffix not in YAML:
             raise InputError(
-                f"--output: {output} is no .yaml file; give e.g. {Path(name).stem}-class.yaml."
+                f"--output: {output} is not a .yaml file; give e.g. {Path(name).stem}-class.yaml."
             )
         check_file(output)
         check_apart(output, name, *scanner, *(buildings.map_file or ()))

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from ambinav.cli.limits import above_zero, not_negative
 from ambinav.cli.options import AsJson, documented
-from ambinav.cli.running import above_zero, check_apart, check_file, not_negative, reporting
+from ambinav.cli.running import check_apart, check_file, reporting
 from ambinav.runtime.errors import InputError
 
 
@@ -17,9 +18,9 @@ from ambinav.runtime.errors import InputError
 def sensor(
     pairs: Annotated[Path, typer.Argument()],
     output: Annotated[Path, typer.Option("--output", "-o")],
-    max_range: float,
-    resolution: float,
-    min_range: float = 0.0,
+    max_range: Annotated[float, above_zero("5.6")],
+    resolution: Annotated[float, above_zero("0.001")],
+    min_range: Annotated[float, not_negative("0.02")] = 0.0,
     as_json: AsJson = False,
 ) -> None:
     """Fit a sensor's bias and deviation to measured pairs, and show the residuals.
@@ -34,9 +35,6 @@ def sensor(
         min_range (M): Smallest range that is read, metres.
     """
     with reporting():
-        above_zero(max_range, "--max-range", "5.6")
-        above_zero(resolution, "--resolution", "0.001")
-        not_negative(min_range, "--min-range", "0.02")
         if min_range >= max_range:
             raise InputError(
                 f"--min-range: {min_range:g} m is not below --max-range {max_range:g} m; "
@@ -65,5 +63,5 @@ def sensor(
         else:
             typer.echo(fit.report())
             typer.echo(
-                f"sensor: {output}; a scanner's file has its lines below `sensor:` of a part"
+                f'sensor: {output} (in a scanner file, put its lines under "sensor:" of a part)'
             )

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
 
 Point = tuple[float, float]
+
+
+def option_name(name: str) -> str:
+    """Return the option of a field or a parameter."""
+    return f"--{name.replace('_', '-')}"
 
 
 def conflict(option: str, given: bool, reason: str) -> None:
@@ -34,6 +40,17 @@ def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
         )
 
 
+def check_picture(picture: Path | None) -> None:
+    """Check, before the long work, that a picture can be written; None passes.
+
+    Raises:
+        InputError: see `check_suffix` and `check_file`.
+    """
+    if picture is not None:
+        check_suffix(picture, "--picture", (".png", ".pdf", ".svg"))
+        check_file(picture)
+
+
 def check_replaced(output: Path) -> None:
     """Refuse to write a route over a file of another content, such as a building's GeoJSON.
 
@@ -52,7 +69,7 @@ def check_replaced(output: Path) -> None:
 
         if not is_flight(output):
             raise InputError(
-                f"--output: {output} is there and holds no route; give another name, or remove it."
+                f"--output: {output} exists and is not a route; give another name, or remove it."
             ) from error
 
 

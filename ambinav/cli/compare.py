@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.cli.limits import at_least
+from ambinav.cli.printing import finish, show, table
+from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.runtime.processes import processors
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from ambinav.studies.compare.document import PairPart
     from ambinav.studies.compare.tables import Row
 
@@ -34,8 +37,8 @@ FORECAST = "forecast"
 def compare(
     scenario_file: Annotated[Path, typer.Argument()],
     output: Annotated[Path, typer.Option("--output", "-o")],
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j")] = None,
-    episodes: Annotated[int | None, typer.Option("--episodes", "-n")] = None,
+    jobs: Annotated[int | None, at_least(1), typer.Option("--jobs", "-j")] = None,
+    episodes: Annotated[int | None, at_least(1), typer.Option("--episodes", "-n")] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
     trust: options.Trust = False,
@@ -60,7 +63,6 @@ def compare(
         episodes (N): Number of drives per route. [default: the scenario's `runs`]
     """
     with reporting():
-        at_least(1, ("--jobs", jobs), ("--episodes", episodes))
         from ambinav.runtime.runfolder import WORK
         from ambinav.studies.compare.report import STUDY, compare_routes
         from ambinav.studies.compare.scenario_file import load_scenario
@@ -76,13 +78,12 @@ def compare(
                 image_format=pictures,
                 store=options.store_of(no_store),
             )
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(rows, report.verdicts, output / STUDY.html)
+        finish(
+            report, lambda report: _show(rows, report.verdicts), STUDY.page(output), as_json=as_json
+        )
 
 
-def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) -> None:
+def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart]) -> None:
     from ambinav.reports.table import value_text
 
     def cells(row: Row) -> Iterator[str]:
@@ -95,6 +96,7 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
 
     has_forecast = any(row.forecasts for row in rows)
     titles = tuple(SHOWN.values())
+    parts: list[str | Table] = []
     if has_forecast:
         titles = (titles[0], FORECAST, *titles[1:])
     for pair, verdict in verdicts.items():
@@ -106,5 +108,5 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
             if row.pair == pair and len(row.forecasts) == 1
         ]
         figures = table(("route", *titles), own, left=("route",), no_wrap=titles, title=pair)
-        show(figures, "", *(f"- {line}" for line in lines), "")
-    show(f"report: {report}", wrap=False)
+        parts += ["", figures, "", *(f"- {line}" for line in lines)]
+    show(*parts[1:])

@@ -11,8 +11,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.limits import Count, Natural
 from ambinav.cli.packages import ENVIRONMENTS, need
-from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
+from ambinav.cli.running import check_writable, progress_bars, reporting
 
 
 @options.documented
@@ -22,8 +23,8 @@ def dataset(
     environment: Annotated[str, typer.Option("--env")] = "ambinav/Hall-v1",
     policy: list[str] | None = None,
     planner: list[str] | None = None,
-    episodes: Annotated[int, typer.Option("--episodes", "-n")] = 10,
-    seed: int = 0,
+    episodes: Annotated[Count, typer.Option("--episodes", "-n")] = 10,
+    seed: Natural = 0,
     author: str | None = None,
     trust: options.Trust = False,
     as_json: options.AsJson = False,
@@ -49,8 +50,6 @@ def dataset(
         author (NAME): Author, for metadata and card.
     """
     with reporting():
-        at_least(1, ("--episodes", episodes))
-        at_least(0, ("--seed", seed))
         arguments = arguments_of(values or [])
         check_writable(output)
         need("a data set", ENVIRONMENTS)

@@ -9,17 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import conflict
+from ambinav.cli.limits import Count, Natural
 from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import (
-    above_zero,
-    at_least,
-    check_report,
-    not_negative,
-    progress_bars,
-    reporting,
-)
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress
 
@@ -45,12 +40,12 @@ class SampleOptions(RegionOptions):
 
     PANEL: ClassVar[str] = "Places"
 
-    places: int = 800
+    places: Count = 800
     spacing: Spacing = 0.2
     radius: AmbiguityRadius = 0.5
     map_std: MapStd = None
     robot_radius: RobotRadius = None
-    seed: int = 1
+    seed: Natural = 1
 
     def check(self, maps: int) -> None:
         """Check what can be checked before a building is read.
@@ -58,17 +53,11 @@ class SampleOptions(RegionOptions):
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        at_least(1, ("--places", self.places))
-        at_least(0, ("--seed", self.seed))
-        above_zero(self.spacing, "--spacing", "0.2")
-        above_zero(self.radius, "--ambiguity-radius", "0.5")
         if self.radius < self.spacing:
             raise InputError(
                 f"--ambiguity-radius: {self.radius:g} m is less than the spacing of "
                 f"{self.spacing:g} m; give at least one spacing."
             )
-        not_negative(self.map_std, "--map-std", "0.05")
-        above_zero(self.robot_radius, "--robot-radius", "0.2")
         check_one(self.polygon, self.route)
         for option, given in (("--polygon", self.polygon), ("--route", self.route)):
             if given is not None and maps > 1:
@@ -93,12 +82,30 @@ class MessageOptions:
     frames: Annotated[list[str] | None, typer.Option("--frame")] = None
     angle_min: float | None = None
 
-    def check(self) -> None:
-        """Check the angle.
+    def check(self, scanner: RangeScanner) -> None:
+        """Check the angle, and that there is one name at most for each laser.
 
         Raises:
-            InputError: it is no direction.
+            InputError: the angle is no direction, or the scanner has not that many lasers.
         """
+        from ambinav.studies.design.beams.scanner import planar_lasers
+
+        lasers, names = planar_lasers(scanner).values(), self.frames or []
+        if len(names) > len(lasers):
+            raise InputError(
+                f"--frame: there are {len(names)} names, and {scanner.name!r} has {len(lasers)} "
+                "planar lasers; give at most one name for each."
+            )
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(
+                    f"--frame: {name!r} is given twice; give each laser's messages their own name."
+                )
+        conflict(
+            "--angle-min",
+            self.angle_min is not None and not any(fan.full_circle for fan in lasers),
+            f"is for lasers that look all around, and {scanner.name!r} has none",
+        )
         if self.angle_min is not None and not -360.0 <= self.angle_min <= 360.0:
             raise InputError(
                 f"--angle-min: {self.angle_min:g} is out of range; give degrees from -360 to 360, "
@@ -140,9 +147,9 @@ def beams(
 
         check_limit(loss, "--loss")
         sampled.check(len(map_files))
-        messages.check()
         check_report(STUDY, output, pictures)
         full = RangeScanner.load(scanner)
+        messages.check(full)
         check_beams(full)
         import numpy as np
 
@@ -163,16 +170,13 @@ def beams(
             samples,
             [str(path) for path in map_files],
             update_times(buildings[0], full, kept, rng),
-            scan_information_of(buildings[0], full, kept, rng),
+            scan_information_of(buildings, full, kept, sampled.seed, sampled.map_std),
             scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min),
             _parameters(sampled, region, samples),
             output,
             pictures,
         )
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, lambda report: _show(report, output), as_json=as_json)
 
 
 def _check_memory(sampled: SampleOptions, scanner: RangeScanner, maps: int) -> None:
@@ -203,10 +207,8 @@ def _draw(
     progress: Progress,
 ) -> list[tuple[MapSample, ...]]:
     """Draw two samples of each building."""
-    import numpy as np
-
     from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
-    from ambinav.studies.design.beams.sample import draw_samples
+    from ambinav.studies.design.beams.sample import draw_samples, rng_of
 
     radius = sampled.robot_radius or scanner.robot_radius or ROBOT_RADIUS
     drawn = []
@@ -216,7 +218,7 @@ def _draw(
                 env,
                 scanner,
                 sampled.places,
-                np.random.default_rng([sampled.seed, number]),
+                rng_of(env, sampled.seed, "places"),
                 spacing=sampled.spacing,
                 radius=sampled.radius,
                 map_std=sampled.map_std,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -12,17 +13,100 @@ from ambinav.cli.checks import conflict
 from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
+from ambinav.cli.limits import not_negative
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
-from ambinav.cli.running import check_report, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from ambinav.studies.design.requirement.costs import Allowed, Costs
     from ambinav.studies.design.requirement.document import Document
+    from ambinav.studies.design.requirement.requirement import Requirement
+    from ambinav.studies.design.requirement.trips import Trip
 
 FOR_LOST = 'is for a requirement on lost robots, such as "lost < 5 %"'
+
+
+@dataclass(frozen=True)
+class Request:
+    """A checked requirement: what must hold, what may change, and what that costs."""
+
+    requirement: Requirement | None
+    allowed: Allowed
+    costs: Costs
+    trips: tuple[Trip, ...] | None
+    keep_out: BaseGeometry | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequirementOptions:
+    """Options on the allowed changes and their costs.
+
+    Attributes:
+        may (CHANGES): Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount,
+            second-scanner; separated by commas, or repeatable.
+        cost (FILE): What the changes cost (.yaml: post, panel, tag, mount, scanner).
+        budget (AMOUNT): Largest cost. [default: no limit]
+        places (FILE): Named places and trips between them (.yaml: places, trips), for "lost < 5 %".
+    """
+
+    PANEL: ClassVar[str] = "Changes"
+
+    may: list[str]
+    cost: Path
+    budget: Annotated[float | None, not_negative("500", "an amount")] = None
+    places: Path | None = None
+    keep_out: KeepOut = None
+
+    def check(
+        self, required: str | None, obstacles: PositionOptions, forecasts: ForecastOptions
+    ) -> Request:
+        """Check the options, and read the files, before the map is made.
+
+        Args:
+            required: What must hold; None: it is not given.
+            obstacles: Options on new obstacles.
+            forecasts: Options on forecasts of lost robots.
+
+        Raises:
+            InputError: a value, a file or a combination of options cannot be used.
+        """
+        from ambinav.studies.design.requirement.costs import Allowed, read_costs
+        from ambinav.studies.design.requirement.requirement import Requirement
+        from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
+
+        if required is None and self.budget is None:
+            raise InputError(
+                'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
+            )
+        wanted = None if required is None else Requirement.parse(required)
+        is_lost = wanted is not None and wanted.most_lost is not None
+        if is_lost and self.places is None:
+            raise InputError(
+                f'--places: "{wanted}" is about trips between places; give a file with them, e.g. '
+                f"`{EXAMPLE}`."
+            )
+        conflict("--places", self.places is not None and not is_lost, FOR_LOST)
+        for option in forecasts.given:
+            conflict(option, not is_lost, FOR_LOST)
+        forecasts.check()
+        forecasts.check_no_program()
+        trips = None if self.places is None else read_trips(self.places)
+        allowed = Allowed.parse(",".join(self.may))
+        costs = read_costs(self.cost)
+        allowed.check(costs, str(self.cost))
+        obstacles.check_used(tuple(allowed.most))
+        conflict(
+            "--keep-out", self.keep_out is not None and not allowed.most, "is about new obstacles"
+        )
+        for kind in allowed.most:
+            obstacles.rules_of(kind)
+        return Request(wanted, allowed, costs, trips, keep_out_zones(self.keep_out))
 
 
 @options.documented
@@ -31,15 +115,11 @@ def requirement(
     required: Annotated[str | None, typer.Argument()] = None,
     *,
     scanner: options.Scanner,
-    may: list[str],
-    cost: Path,
-    budget: float | None = None,
-    places: Path | None = None,
-    keep_out: KeepOut = None,
+    changes: RequirementOptions,
     output: options.ReportFolder = None,
     obstacles: PositionOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
     forecasts: ForecastOptions,
@@ -61,90 +141,52 @@ def requirement(
     Parameters:
         required (REQUIREMENT): What must hold, e.g. "bad < 2 %", "open area < 10 m2" or "lost < 5
             %"; without it --budget says how much the best may cost.
-        may (CHANGES): Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount,
-            second-scanner; separated by commas, or repeatable.
-        cost (FILE): What the changes cost (.yaml: post, panel, tag, mount, scanner).
-        budget (AMOUNT): Largest cost. [default: no limit]
-        places (FILE): Named places and trips between them (.yaml: places, trips), for "lost < 5 %".
     """
     with reporting():
-        from ambinav.studies.design.requirement.costs import Allowed, read_costs
         from ambinav.studies.design.requirement.document import document
         from ambinav.studies.design.requirement.report import STUDY, write_report
-        from ambinav.studies.design.requirement.requirement import Requirement
         from ambinav.studies.design.requirement.study import meet_requirement
         from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
-        from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
 
-        making.check()
         space.check()
-        robot.check()
-        not_negative(budget, "--budget", "500", "an amount")
-        if required is None and budget is None:
-            raise InputError(
-                'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
-            )
-        wanted = None if required is None else Requirement.parse(required)
-        is_lost = wanted is not None and wanted.most_lost is not None
-        if is_lost and places is None:
-            raise InputError(
-                f'--places: "{wanted}" is about trips between places; give a file with them, e.g. '
-                f"`{EXAMPLE}`."
-            )
-        conflict("--places", places is not None and not is_lost, FOR_LOST)
-        for option in forecasts.given:
-            conflict(option, not is_lost, FOR_LOST)
-        forecasts.check()
-        forecasts.check_no_program()
-        trips = None if places is None else read_trips(places)
-        allowed = Allowed.parse(",".join(may))
-        costs = read_costs(cost)
-        allowed.check(costs, str(cost))
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
-        obstacles.check_used(tuple(allowed.most))
-        conflict("--keep-out", keep_out is not None and not allowed.most, "is about new obstacles")
-        for kind in allowed.most:
-            obstacles.rules_of(kind)
-        zones = keep_out_zones(keep_out)
+        request = changes.check(required, obstacles, forecasts)
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         check_report(STUDY, output, pictures)
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
         forecaster = None
-        if trips is not None:
+        if request.trips is not None:
             forecaster = TripForecaster(
-                environment, reach, trips, forecasts.forecaster, str(places)
+                environment, reach, request.trips, forecasts.forecaster, str(changes.places)
             )
         with progress_bars(as_json or quiet) as bars:
             solution = meet_requirement(
                 environment,
                 chosen,
-                lambda env, mounted: making.build(env, mounted, bars(f"map: {mounted.name}")),
-                allowed,
-                costs,
+                lambda env, mounted: map_options.build(env, mounted, bars(f"map: {mounted.name}")),
+                request.allowed,
+                request.costs,
                 obstacles.rules_of,
                 reach,
-                requirement=wanted,
-                budget=budget,
-                keep_out=zones,
+                requirement=request.requirement,
+                budget=changes.budget,
+                keep_out=request.keep_out,
                 trips=forecaster,
-                source=str(cost),
+                source=str(changes.cost),
                 stages=bars,
             )
             if output is None:
                 report = document(solution)
             else:
                 report = write_report(solution, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        elif not quiet:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
         if report.met is False:
             raise typer.Exit(HOLDS)
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     from ambinav.studies.design.requirement.document import money
 
     show(report.summary, *report.remarks)
@@ -164,5 +206,3 @@ def _show(report: Document, output: Path | None) -> None:
             for step in report.steps
         ]
         show("", table(columns, rows, left=("change",), no_wrap=("no.",)))
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

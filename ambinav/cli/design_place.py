@@ -11,10 +11,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
+from ambinav.cli.limits import Natural
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, PolygonFile, check_one, keep_out_zones, route_region
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.studies.design.place.candidates import Kind, PlaceRules
     from ambinav.studies.design.place.document import Document
+    from ambinav.studies.design.place.placed_part import PlacedPart
     from ambinav.studies.design.region import Region
 
 
@@ -33,6 +35,7 @@ _ABOUT: Final[dict[str, tuple[tuple[Kind, ...], str]]] = {
     "keep_out": (_ANY, "--keep-out"),
 }  # fmt: skip
 """The kinds of obstacles that a field is about, and its option."""
+OBSTACLE_COLUMNS: Final = ("no.", "kind", "x (m)", "y (m)", "position")
 UNUSED_LAYERS: Final = "has no effect here: floor is judged by its zones"
 
 
@@ -67,7 +70,9 @@ class PositionOptions:
             InputError: there are none, or tags are to be free-standing.
         """
         if count < 1:
-            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+            raise InputError(
+                f"--{kind}s: {count} is not a valid number of {kind}s; give 1 or more."
+            )
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
@@ -125,9 +130,9 @@ class ObstacleOptions(PositionOptions):
     panels: int | None = None
     tags: int | None = None
     keep_out: KeepOut = None
-    aged: int = 0
+    aged: Natural = 0
     examine: bool = False
-    seed: int = 0
+    seed: Natural = 0
 
     def kind(self) -> tuple[Kind, int]:
         """Return the kind and number of the obstacles.
@@ -152,18 +157,9 @@ class ObstacleOptions(PositionOptions):
         (kind, count), = requested  # fmt: skip
         self.check(kind, count)
         self.check_used([kind])
-        at_least(0, ("--seed", self.seed), ("--aged", self.aged))
         drawn = self.aged > 0 or self.examine
         conflict("--seed", self.seed != 0 and not drawn, "is for --aged and --examine")
         return kind, count
-
-    def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """Return the placement rules; obstacles reflect if the scanner sees reflectors.
-
-        Raises:
-            InputError: a number is out of its range.
-        """
-        return self.rules_of(self.kind()[0], scanner)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +199,7 @@ def place(
     output: options.ReportFolder = None,
     bad: WhereBadOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
     pictures: options.Pictures = "png",
@@ -223,22 +219,20 @@ def place(
         from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import checked_rules, place_obstacles
 
-        making.check()
         space.check()
-        robot.check()
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
-        _, count = obstacles.kind()
-        obstacles.rules()
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
+        kind, count = obstacles.kind()
+        obstacles.rules_of(kind)
         check_report(STUDY, output, pictures)
         regions, zones = bad.regions(), keep_out_zones(obstacles.keep_out)
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         reach = robot.reach(environment, chosen)
-        rules = obstacles.rules(chosen)
+        rules = obstacles.rules_of(kind, chosen)
         checked_rules(environment, chosen, rules, count, reach, aged=obstacles.aged, keep_out=zones)
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"))
+            amap = map_options.build(environment, chosen, bars("ambiguity"))
             study = place_obstacles(
                 environment,
                 chosen,
@@ -257,32 +251,34 @@ def place(
                 report = document(study, count)
             else:
                 report = write_report(study, count, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
-def _show(report: Document, output: Path | None) -> None:
+def obstacle_cells(obstacle: PlacedPart) -> tuple[str, ...]:
+    """Return the cells of `OBSTACLE_COLUMNS`."""
+    heading = obstacle.direction_deg
+    return (
+        str(obstacle.number),
+        obstacle.kind if heading is None else f"{obstacle.kind} at {heading:z.0f}°",
+        f"{obstacle.x_m:.2f}",
+        f"{obstacle.y_m:.2f}",
+        "at a wall" if obstacle.on_wall else "free",
+    )
+
+
+def _show(report: Document) -> None:
     unit = "m²" if report.unit == "m2" else "m"
     show(report.summary, *report.remarks)
     rows = (
         (
-            str(obstacle.number),
-            obstacle.kind
-            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:z.0f}°"),
-            f"{obstacle.x_m:.2f}",
-            f"{obstacle.y_m:.2f}",
-            "at a wall" if obstacle.on_wall else "free",
+            *obstacle_cells(obstacle),
             *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
         for obstacle in report.obstacles
     )
     if report.obstacles:
-        columns = (
-            "no.", "kind", "x (m)", "y (m)", "stands", "gain alone", "gain", "bad floor left"
-        )  # fmt: skip
-        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
+        columns = (*OBSTACLE_COLUMNS, "gain alone", "gain", "bad floor left")
+        show("", table(columns, rows, left=("kind", "position"), no_wrap=columns))
     if report.aged is not None:
         aged = report.aged
         show(
@@ -299,5 +295,3 @@ def _show(report: Document, output: Path | None) -> None:
             f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
             f"tried: {reached}"
         )
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

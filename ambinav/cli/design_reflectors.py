@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import conflict
-from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
+from ambinav.cli.checks import conflict, option_name
+from ambinav.cli.design_place import (
+    OBSTACLE_COLUMNS,
+    UNUSED_LAYERS,
+    PositionOptions,
+    obstacle_cells,
+)
+from ambinav.cli.limits import above_zero
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import KeepOut, keep_out_zones
-from ambinav.cli.running import above_zero, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.layers.reflectors.views import ReflectorRules
-    from ambinav.sensing.scanner import RangeScanner
-    from ambinav.studies.design.place.candidates import Kind, PlaceRules
+    from ambinav.studies.design.place.candidates import Kind
     from ambinav.studies.design.reflectors.document import Document
 
 
@@ -57,14 +61,6 @@ class NewOptions(PositionOptions):
             self.check(kind, count)
         return kind, count or 0
 
-    def positions(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """Return the rules for their positions.
-
-        Raises:
-            InputError: a number is out of its range.
-        """
-        return self.rules_of(self.asked()[0], scanner)
-
 
 @dataclass(frozen=True, kw_only=True)
 class NeedOptions:
@@ -82,7 +78,7 @@ class NeedOptions:
     PANEL: ClassVar[str] = "Navigation"
 
     needed: int = 3
-    reflector_range: float | None = None
+    reflector_range: Annotated[float | None, above_zero("20")] = None
     max_incidence: float = 45.0
     tolerance: float = 0.1
     max_std: float = 0.05
@@ -95,14 +91,13 @@ class NeedOptions:
         """
         from ambinav.layers.reflectors.views import ReflectorRules
 
-        above_zero(self.reflector_range, "--reflector-range", "20")
         try:
             return ReflectorRules(
                 self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
             )
         except InputError as error:  # names the field
             name, _, rest = str(error).partition(" ")
-            raise InputError(f"--{name.replace('_', '-')} {rest}") from None
+            raise InputError(f"{option_name(name)} {rest}") from None
 
 
 @options.documented
@@ -114,7 +109,7 @@ def reflectors(
     output: options.ReportFolder = None,
     needs: NeedOptions,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     robot: ReachOptions,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
@@ -131,21 +126,19 @@ def reflectors(
         from ambinav.studies.design.reflectors.report import STUDY, write_report
         from ambinav.studies.design.reflectors.study import check_reflectors, plan_reflectors
 
-        making.check()
-        robot.check()
-        conflict("--layers", making.layers is not None, UNUSED_LAYERS)
+        conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
         kind, count = new.asked()
         new.check_used([kind] if count else ())
-        new.positions()
+        new.rules_of(kind)
         rules = needs.rules()
         zones = keep_out_zones(new.keep_out)
         check_report(STUDY, output, pictures)
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = map_options.load(map_file, scanner, building)
         reach = robot.reach(environment, chosen)
-        positions = new.positions(chosen) if count else None
+        positions = new.rules_of(kind, chosen) if count else None
         check_reflectors(environment, chosen, reach, positions, zones)
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"))
+            amap = map_options.build(environment, chosen, bars("ambiguity"))
             layout = plan_reflectors(
                 environment,
                 chosen,
@@ -161,29 +154,19 @@ def reflectors(
                 report = document(layout, count)
             else:
                 report = write_report(layout, count, output, bars("report"), pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary, *report.remarks)
     rows = (
         (
-            str(reflector.number),
-            reflector.kind
-            + ("" if reflector.direction_deg is None else f" at {reflector.direction_deg:z.0f}°"),
-            f"{reflector.x_m:.2f}",
-            f"{reflector.y_m:.2f}",
-            "at a wall" if reflector.on_wall else "free",
+            *obstacle_cells(reflector),
             f"{reflector.after.enough_m2:,.1f} m²",
             f"{reflector.after.good_m2:,.1f} m²",
         )
         for reflector in report.reflectors
     )
     if report.reflectors:
-        columns = ("no.", "kind", "x (m)", "y (m)", "stands", "enough in view", "navigates on")
-        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)
+        columns = (*OBSTACLE_COLUMNS, "enough in view", "navigates on")
+        show("", table(columns, rows, left=("kind", "position"), no_wrap=columns))

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import Count, Natural, above_zero, not_negative
 from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_report, not_negative, note, progress_bars, reporting
+from ambinav.cli.printing import finish, show, table
+from ambinav.cli.running import check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -43,21 +44,10 @@ class RouteOptions:
     PANEL: ClassVar[str] = "Routes"
 
     route: list[Path] | None = None
-    pairs: int = 20
-    seed: int = 0
-    odometry_scale: float = 0.25
-    localizer_beams: int = 60
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: a value cannot be used.
-        """
-        at_least(0, ("--pairs", self.pairs), ("--seed", self.seed))
-        not_negative(self.odometry_scale, "--odometry-scale", "0.25", "a number")
-        if self.localizer_beams < 1:
-            raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
+    pairs: Natural = 20
+    seed: Natural = 0
+    odometry_scale: Annotated[float, not_negative("0.25", "a number")] = 0.25
+    localizer_beams: Count = 60
 
     def routes(self) -> list[tuple[str, Route]] | None:
         """Return the given routes with their files; None if none is given.
@@ -88,7 +78,7 @@ class ComparedSpaceOptions(SpaceOptions):
             [default: 0.3]
     """
 
-    scanner_height: float | None = None
+    scanner_height: Annotated[float | None, above_zero("0.3")] = None
 
     @property
     def height(self) -> float:
@@ -116,7 +106,7 @@ def scanners(
     output: options.ReportFolder = None,
     *,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: ComparedSpaceOptions,
     robot: ReachOptions,
     on_routes: RouteOptions,
@@ -145,21 +135,16 @@ def scanners(
         from ambinav.studies.design.scanners.document import document
         from ambinav.studies.design.scanners.report import STUDY, write_report
 
-        making.check()
         space.check()
-        robot.check()
-        on_routes.check()
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
-        layers = () if making.layers is None else tuple(making.layers.split(","))
-        layers = tuple(name.strip() for name in layers)
-        chosen_layers(layers, None)
+        chosen_layers(map_options.named_layers, None)
         known = distinct(chosen)
         if len(known) < len(chosen):
-            note(f"{len(chosen)} scanners are named, {len(known)} of them different.")
+            note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
-        environment, _ = replace(making, layers=None).load(
+        environment, _ = replace(map_options, layers=None).load(
             map_file, space.carrier(known), building, space, robot.robot_radius or 0.0
         )
         if every and environment.space is None:
@@ -168,11 +153,11 @@ def scanners(
             compared = compare_scanners(
                 environment,
                 known,
-                spacing=making.spacing,
-                radius=making.radius,
-                headings=making.headings,
-                map_std=making.map_std,
-                layers=layers,
+                spacing=map_options.spacing,
+                radius=map_options.radius,
+                headings=map_options.headings,
+                map_std=map_options.map_std,
+                layers=map_options.named_layers,
                 robot_radius=robot.robot_radius,
                 start=robot.start,
                 routes=routes,
@@ -181,17 +166,16 @@ def scanners(
                 model=on_routes.model(),
                 costs=table_of_costs,
                 height=space.height,
-                store=options.store_of(making.no_store, _Announcement(making, environment, known)),
+                store=options.store_of(
+                    map_options.no_store, _Announcement(map_options, environment, known)
+                ),
                 progress=bars(f"{len(known)} scanners"),
             )
             if output is not None:
                 report = write_report(compared, output, bars("report"), pictures)
             else:
                 report = document(compared)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
 def _scanner_names(named: list[str], every: bool) -> list[str]:
@@ -234,9 +218,9 @@ class _Announcement:
     """Announcement of the total duration before the first map, if it is long."""
 
     def __init__(
-        self, making: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
+        self, map_options: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
     ) -> None:
-        self._making, self._environment, self._scanners = making, environment, scanners
+        self._map_options, self._environment, self._scanners = map_options, environment, scanners
         self._said = False
 
     def __call__(self) -> None:
@@ -245,23 +229,27 @@ class _Announcement:
         self._said = True
         from ambinav.map_building.estimate import estimate
 
-        making = self._making
-        if not 0.0 < making.spacing <= making.radius:
+        map_options = self._map_options
+        if not 0.0 < map_options.spacing <= map_options.radius:
             return  # which `build_map` refuses
         seconds = sum(
             estimate(
-                self._environment, scanner, making.spacing, making.radius, making.headings
+                self._environment,
+                scanner,
+                map_options.spacing,
+                map_options.radius,
+                map_options.headings,
             ).seconds
             for scanner in self._scanners
         )
         if seconds >= LONG_SECONDS:
             note(
                 f"{len(self._scanners)} maps take about {max(seconds / 60.0, 1.0):.0f} minutes, "
-                "less what the store has of them; a wider --spacing takes less."
+                "minus those that the store already has; a wider --spacing takes less."
             )
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary, *report.remarks, "", _table(report))
     if report.fronts:
         show(f"* not dominated by bad area and {report.fronts[0].title}")
@@ -269,8 +257,6 @@ def _show(report: Document, output: Path | None) -> None:
     notes += [why for scanner in report.scanners for why in scanner.lacking.values()]
     if notes:
         show(*notes)
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)
 
 
 def _table(report: Document) -> Table:

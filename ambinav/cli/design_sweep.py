@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, cast
 
-import typer
-
 from ambinav.cli import options
+from ambinav.cli.limits import Natural
 from ambinav.cli.map_options import (
     AmbiguityRadius,
     BuildingOptions,
@@ -18,9 +16,9 @@ from ambinav.cli.map_options import (
     ReachOptions,
     Spacing,
 )
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import at_least, check_report, progress_bars, reporting
+from ambinav.cli.running import check_report, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
@@ -47,17 +45,8 @@ class SweptOptions(RegionOptions):
 
     heading: float | None = None
     headings: int | None = None
-    places: int = 1000
-    seed: int = 0
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: options do not go together, or a number is out of its range.
-        """
-        check_one(self.polygon, self.route)
-        at_least(0, ("--places", self.places), ("--seed", self.seed))
+    places: Natural = 1000
+    seed: Natural = 0
 
 
 @options.documented
@@ -101,11 +90,9 @@ def sweep(
         from ambinav.studies.design.sweep.sweep import sweep_scanner
         from ambinav.studies.design.sweep.vary import Variation
 
-        making = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
-        making.check()
+        map_options = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
         space.check()
-        robot.check()
-        where.check()
+        check_one(where.polygon, where.route)
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
                 "--robot-radius, --start: all floor of a route counts; leave them out with --route."
@@ -113,7 +100,7 @@ def sweep(
         check_report(STUDY, output, pictures)
         variations = [Variation.parse(text) for text in vary]
         region = where.region()
-        environment, chosen = making.load(
+        environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         with progress_bars(as_json) as bars:
@@ -139,17 +126,14 @@ def sweep(
             report = write_report(result, environment, output, pictures)
         else:
             report = document(result)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, result, output)
+        finish(report, lambda report: _show(report, result), STUDY.page(output), as_json=as_json)
 
 
 _SHOWN = 10
 """Settings that are printed."""
 
 
-def _show(report: Document, result: SweepResult, output: Path | None) -> None:
+def _show(report: Document, result: SweepResult) -> None:
     from ambinav.studies.design.sweep.text import Words, share_text, values_text, varied_text
 
     levels, shares = Words(result).formats
@@ -170,5 +154,3 @@ def _show(report: Document, result: SweepResult, output: Path | None) -> None:
     show(report.summary, "", table(columns, rows))
     if len(result.order) > _SHOWN:
         show(f"the best {_SHOWN} of {len(result.order)} different settings")
-    if output is not None:
-        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import option_name
 from ambinav.cli.gate import DiffGate
+from ambinav.cli.limits import Natural, above_zero
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.printing import show, table
-from ambinav.cli.running import above_zero, at_least, check_report, note, progress_bars, reporting
+from ambinav.cli.printing import finish, show, table
+from ambinav.cli.running import check_report, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import STORE, kind_of_path
@@ -38,11 +40,11 @@ def diff(
     scanner: Annotated[str | None, typer.Option("--scanner", "-s")] = None,
     scanner_b: str | None = None,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     robot: ReachOptions,
-    wall_tolerance: float | None = None,
-    places: int = 10,
+    wall_tolerance: Annotated[float | None, above_zero("0.1")] = None,
+    places: Natural = 10,
     pictures: options.Pictures = "png",
     gate: DiffGate,
     as_json: options.AsJson = False,
@@ -67,23 +69,19 @@ def diff(
         from ambinav.studies.diff.document import document
         from ambinav.studies.diff.report import STUDY, write_report
 
-        making.check()
         space.check()
-        robot.check()
-        above_zero(wall_tolerance, "--wall-tolerance", "0.1")
-        at_least(0, ("--places", places))
         conditions = gate.conditions(output)
         check_report(STUDY, output, pictures)
         scanners = scanner, scanner_b or scanner
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
-            _refuse_building_options(building, making, space)
+            _refuse_building_options(building, map_options, space)
         for place, other in ((first, second), (second, first)):
             if _is_map(place) and not _is_map(other):
-                making = _as_made(place, making)
+                map_options = _as_made(place, map_options)
         with progress_bars(as_json) as bars:
             amaps = [
-                _open(path, named, building, making, space, bars(f"map {letter}"))
+                _open(path, named, building, map_options, space, bars(f"map {letter}"))
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
@@ -91,10 +89,7 @@ def diff(
         report = document(result, places)
         if output is not None:
             write_report(result, report, output, pictures)
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            _show(report, output)
+        finish(report, _show, STUDY.page(output), as_json=as_json)
         gate.judge(conditions, report, second, as_json=as_json)
 
 
@@ -137,14 +132,14 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
         for field in fields(group):
             # Maps are always read without the store.
             if field.name != "no_store" and getattr(group, field.name) != field.default:
-                name = "ambiguity-radius" if field.name == "radius" else field.name
+                name = "ambiguity_radius" if field.name == "radius" else field.name
                 raise InputError(
-                    f"--{name.replace('_', '-')}: this is for buildings, but A and B are "
+                    f"{option_name(name)}: this is for buildings, but A and B are "
                     "maps that are made already; leave it out."
                 )
 
 
-def _as_made(place: str, making: MapOptions) -> MapOptions:
+def _as_made(place: str, map_options: MapOptions) -> MapOptions:
     """Return the options of a map for a building that is compared with it, where none is given.
 
     Raises:
@@ -155,22 +150,22 @@ def _as_made(place: str, making: MapOptions) -> MapOptions:
     made = json.loads(AmbiguityMap.open(place).dataset.attrs["parameters"])
     own = {
         field.name: made[field.name]
-        for field in fields(making)
+        for field in fields(map_options)
         if field.name in AS_MADE
-        and getattr(making, field.name) == field.default
+        and getattr(map_options, field.name) == field.default
         and made[field.name] != field.default
     }
     if own:
         texts = ", ".join(f"{AS_MADE[name]} {value}" for name, value in own.items())
         note(f"the building is mapped as {place} is, with {texts}.")
-    return replace(making, **own)
+    return replace(map_options, **own)
 
 
 def _open(
     path: str,
     scanner: str | None,
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     progress: Progress,
 ) -> AmbiguityMap:
@@ -183,8 +178,8 @@ def _open(
 
     if scanner is None or _is_map(path):
         return AmbiguityMap.open(path)
-    environment, chosen = making.load(Path(path), scanner, building, space)
-    made = making.build(environment, chosen, progress)
+    environment, chosen = map_options.load(Path(path), scanner, building, space)
+    made = map_options.build(environment, chosen, progress)
     made.source = path
     return made
 
@@ -203,7 +198,7 @@ def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
     return amap.for_robot(find_reach(amap.environment, radius, robot.start))
 
 
-def _show(report: Document, output: Path | None) -> None:
+def _show(report: Document) -> None:
     show(report.summary)
     if report.identical:
         return
@@ -235,5 +230,3 @@ def _show(report: Document, output: Path | None) -> None:
         columns = "parameter", "A", "B"
         rows = ((each.name, each.before, each.after) for each in report.parameters)
         show("", table(columns, rows, left=columns, fold=True))
-    if output is not None:
-        show("", f"report: {output / 'diff.html'}", wrap=False)

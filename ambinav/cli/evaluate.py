@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import Count, Natural
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
+from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.cli.space_options import HeightOptions
 from ambinav.runtime.errors import InputError
 
@@ -34,8 +35,8 @@ def evaluate(
     task: str | None = None,
     suite: str | None = None,
     map_file: Annotated[Path | None, typer.Option("--map")] = None,
-    episodes: Annotated[int, typer.Option("--episodes", "-n")] = 200,
-    seed: int = 0,
+    episodes: Annotated[Count, typer.Option("--episodes", "-n")] = 200,
+    seed: Natural = 0,
     output: Annotated[Path | None, typer.Option("--output", "-o")] = None,
     twins: Annotated[bool, typer.Option("--twins/--no-twins")] = True,
     trained_in: Annotated[str | None, typer.Option("--env")] = None,
@@ -68,8 +69,6 @@ def evaluate(
             arguments.
     """
     with reporting():
-        at_least(1, ("--episodes", episodes))
-        at_least(0, ("--seed", seed))
         if suite is not None and map_file is not None:
             raise InputError("--suite and --map are both given; give one of the two.")
         check_with_map(map_file, building, space)
@@ -120,9 +119,9 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     for text in values:
         key, equals, value = text.partition("=")
         if not (equals and key.isidentifier()):
-            raise InputError(f"{text!r} is no argument; write KEY=VALUE, e.g. people=3.")
+            raise InputError(f"{text!r} is not an argument; write KEY=VALUE, e.g. people=3.")
         if key in arguments:
-            raise InputError(f"{key} is there twice; give it once.")
+            raise InputError(f"{key} is given twice; give it once.")
         try:
             arguments[key] = yaml.safe_load(value)
         except yaml.YAMLError as error:

@@ -26,11 +26,9 @@ def _list_kinds(wanted: bool) -> None:
     raise typer.Exit
 
 
-def _complete_kind(begun: str) -> list[str]:
-    """Return the formats that complete a partly typed name in the shell."""
-    from ambinav.export.registry import EXPORTERS
-
-    return [name for name in EXPORTERS.names() if name.startswith(begun)]
+_complete_kind = options.completing(
+    "ambinav.export.registry", lambda registry: registry.EXPORTERS.names()
+)
 
 
 @dataclass(frozen=True, kw_only=True)

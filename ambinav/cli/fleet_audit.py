@@ -10,17 +10,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.gate import FleetGate
+from ambinav.cli.limits import at_least
 from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing
 from ambinav.cli.packages import need
-from ambinav.cli.printing import show, table
-from ambinav.cli.running import (
-    above_zero,
-    check_writable,
-    note,
-    progress_bars,
-    reporting,
-    resumable,
-)
+from ambinav.cli.printing import finish, show, table
+from ambinav.cli.running import check_writable, note, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,7 +44,7 @@ class WorkerOptions:
 
     PANEL: ClassVar[str] = "Workers"
 
-    workers: int | None = None
+    workers: Annotated[int | None, at_least(0)] = None
     dask: str | None = None
     batch: str | None = None
 
@@ -71,8 +65,6 @@ class WorkerOptions:
         Raises:
             InputError: a value cannot be used, or the scheduler does not answer.
         """
-        if self.workers is not None and self.workers < 0:
-            raise InputError(f"--workers: {self.workers} is negative; give 0 or more.")
         if self.workers is not None and self.dask is not None:
             raise InputError(
                 "--workers: processes of this computer and --dask exclude each other; give one of "
@@ -132,14 +124,11 @@ def audit_fleet(
         from ambinav.studies.fleet.unit import FleetSettings
 
         need("fleet audit", ("pyarrow",), "fleet")
-        above_zero(spacing, "--spacing", "0.1")
-        above_zero(radius, "--ambiguity-radius", "0.5")
         if radius < spacing:
             raise InputError(
                 f"--ambiguity-radius: {radius:g} m is less than a cell of {spacing:g} m "
                 "(--spacing); give at least that."
             )
-        above_zero(robot_radius, "--robot-radius", "0.2")
         place = Address.of(output)
         conditions = gate.conditions(place.folder)
         part = running.part
@@ -168,11 +157,8 @@ def audit_fleet(
         if part is not None:
             _show_part(results, part, quiet=quiet)
             return
-        if as_json:
-            typer.echo(fleet.document.model_dump_json(indent=2))
-        elif not quiet:
-            _show(fleet)
-            show("", f"report: {output.rstrip('/')}/{PAGE}", wrap=False)
+        page = f"{output.rstrip('/')}/{PAGE}"
+        finish(fleet.document, lambda _: _show(fleet), page, as_json=as_json, quiet=quiet)
         _judge(fleet, conditions, gate, sites, as_json=as_json or quiet)
 
 

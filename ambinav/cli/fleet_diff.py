@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.gate import FleetDiffGate
-from ambinav.cli.printing import show, table
+from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import reporting
+
+if TYPE_CHECKING:
+    from ambinav.studies.fleet.difference import FleetDifference
 
 _OUTPUT = "An output of `ambinav fleet audit`: a folder or a URL."
 
@@ -31,20 +34,21 @@ def diff_fleets(
 
         conditions = gate.conditions(None)
         report = fleet_difference(open_fleet(first), open_fleet(second), (first, second))
-        if as_json:
-            typer.echo(report.model_dump_json(indent=2))
-        else:
-            show(report.summary)
-            rows = (
-                (each.site, each.scanner, each.change, _area(each.before_m2), _area(each.after_m2),
-                 _area(each.change_m2, "+"), each.advice or "")
-                for each in report.changes
-            )  # fmt: skip
-            columns = "site", "scanner", "change", "A", "B", "rise", "needs"
-            if report.changes:
-                left = "site", "scanner", "change", "needs"
-                show("", table(columns, rows, left=left, fold=True))
+        finish(report, _show, as_json=as_json)
         gate.judge(conditions, report, second, as_json=as_json)
+
+
+def _show(report: FleetDifference) -> None:
+    show(report.summary)
+    rows = (
+        (each.site, each.scanner, each.change, _area(each.before_m2), _area(each.after_m2),
+         _area(each.change_m2, "+"), each.advice or "")
+        for each in report.changes
+    )  # fmt: skip
+    columns = "site", "scanner", "change", "A", "B", "increase", "needs"
+    if report.changes:
+        left = "site", "scanner", "change", "needs"
+        show("", table(columns, rows, left=left, fold=True))
 
 
 def _area(value: float | None, sign: str = "") -> str:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from ambinav.cli.checks import check_replaced, check_suffix, conflict
-from ambinav.cli.plan_options import AUTO, PICTURES, CostOptions, ResultOptions, SearchOptions
+from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict, option_name
+from ambinav.cli.limits import above_zero
+from ambinav.cli.plan_options import AUTO, CostOptions, ResultOptions, SearchOptions
 from ambinav.cli.printing import show, table
 from ambinav.cli.robot_options import RobotOptions
-from ambinav.cli.running import above_zero, check_file
-from ambinav.cli.space_options import option
+from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,19 +76,18 @@ def plan_flight(
     for group in (search, cost, robot, result, *others):
         for field in fields(group):
             given = field.name not in ALLOWED and getattr(group, field.name) != field.default
-            conflict(option(field.name), given, "is for robots on the floor, not for --space r3")
+            conflict(
+                option_name(field.name), given, "is for robots on the floor, not for --space r3"
+            )
     search.check()
     cost.check(search)
-    above_zero(robot.robot_radius, "--robot-radius", "0.2")
-    above_zero(robot.half_height, "--half-height", "0.2")
+    above_zero("0.2").check(robot.robot_radius, "--robot-radius")
     from ambinav_planners.flight_route import SUFFIXES
 
     check_suffix(output, "--output", SUFFIXES)
     check_file(output)
     check_replaced(output)
-    if result.picture is not None:
-        check_suffix(result.picture, "--picture", PICTURES)
-        check_file(result.picture)
+    check_picture(result.picture)
     from ambinav.maps.ambiguity_volume import AmbiguityVolume
     from ambinav.service.volume_service import VolumeService
     from ambinav_planners import FlightPlanner, certify

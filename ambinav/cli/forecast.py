@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import check_suffix
+from ambinav.cli.checks import check_picture
 from ambinav.cli.forecast_options import ForecastOptions
-from ambinav.cli.plan_options import PICTURES
 from ambinav.cli.printing import show, table
-from ambinav.cli.running import check_file, note, reporting
+from ambinav.cli.running import note, reporting
 from ambinav.forecasting.document import ODOMETRY, forecast_document
 
 if TYPE_CHECKING:
@@ -41,9 +40,7 @@ def forecast(
     """
     with reporting():
         robot.check()
-        if picture is not None:
-            check_suffix(picture, "--picture", PICTURES)
-            check_file(picture)
+        check_picture(picture)
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.routes.files import load_route
 
@@ -56,10 +53,8 @@ def forecast(
         if picture is not None:
             from ambinav.plotting.canvas import save_figure
             from ambinav.plotting.forecast import plot_forecast
-            from ambinav.runtime.files import replacing
 
-            with replacing(picture) as scratch:
-                save_figure(plot_forecast(amap, result), scratch)
+            save_figure(plot_forecast(amap, result), picture)
         if as_json:
             document = forecast_document(result, robot.odometry or ODOMETRY)
             more = {} if picture is None else {"picture": str(picture)}

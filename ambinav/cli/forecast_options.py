@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ambinav.cli.running import above_zero
+from ambinav.cli.checks import option_name
+from ambinav.cli.limits import above_zero
+from ambinav.cli.options import completing
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
@@ -19,18 +21,10 @@ if TYPE_CHECKING:
     from ambinav.routes.route import Route
 
 
-def _complete_localizer(begun: str) -> list[str]:
-    """Return the calibrated classes of localizers that complete a partly typed name."""
-    from ambinav.forecasting.localizer_class import localizer_classes
-
-    return [name for name in localizer_classes() if name.startswith(begun)]
-
-
-def _complete_odometry(begun: str) -> list[str]:
-    """Return the odometries that complete a partly typed name."""
-    from ambinav.drive.odometries import ODOMETRIES
-
-    return [name for name in ODOMETRIES if name.startswith(begun)]
+_complete_localizer = completing(
+    "ambinav.forecasting.localizer_class", lambda module: module.localizer_classes()
+)
+_complete_odometry = completing("ambinav.drive.odometries", lambda module: module.ODOMETRIES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +49,9 @@ class ForecastOptions:
     odometry: Annotated[
         str | None, typer.Option(show_default=ODOMETRY, autocompletion=_complete_odometry)
     ] = None
-    position_limit: float | None = None
-    lateral_limit: float | None = None
-    heading_limit: float | None = None
+    position_limit: Annotated[float | None, above_zero("1.2")] = None
+    lateral_limit: Annotated[float | None, above_zero("0.3")] = None
+    heading_limit: Annotated[float | None, above_zero("15", "degrees")] = None
 
     @property
     def wanted(self) -> bool:
@@ -68,39 +62,26 @@ class ForecastOptions:
     def given(self) -> list[str]:
         """Names of the options that are given."""
         return [
-            f"--{each.name.replace('_', '-')}"
-            for each in fields(self)
-            if getattr(self, each.name) is not None
+            option_name(each.name) for each in fields(self) if getattr(self, each.name) is not None
         ]
-
-    @property
-    def _localizer(self) -> str:
-        return LOCALIZER if self.localizer is None else self.localizer
-
-    @property
-    def _odometry(self) -> str:
-        return ODOMETRY if self.odometry is None else self.odometry
 
     def check(self) -> None:
         """Refuse names that are unknown, before a map is opened.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         from ambinav.drive.odometries import odometry_of
         from ambinav.forecasting.localizer_class import LocalizerClass
 
         for option, check, value in (
-            ("--localizer", LocalizerClass.load, self._localizer),
-            ("--odometry", odometry_of, self._odometry),
+            ("--localizer", LocalizerClass.load, self.localizer or LOCALIZER),
+            ("--odometry", odometry_of, self.odometry or ODOMETRY),
         ):
             try:
                 check(value)
             except InputError as error:
                 raise InputError(f"{option}: {error}") from None
-        above_zero(self.position_limit, "--position-limit", "1.2")
-        above_zero(self.lateral_limit, "--lateral-limit", "0.3")
-        above_zero(self.heading_limit, "--heading-limit", "15", "degrees")
 
     def check_no_program(self) -> None:
         """Refuse a localizer that drives would start as a program.
@@ -110,7 +91,7 @@ class ForecastOptions:
         """
         from ambinav.forecasting.localizer_class import LocalizerClass
 
-        localizer = LocalizerClass.load(self._localizer)
+        localizer = LocalizerClass.load(self.localizer or LOCALIZER)
         if localizer.runs_command:
             raise InputError(
                 f"--localizer: drives of {localizer.title} would run a program with your rights; "
@@ -129,7 +110,7 @@ class ForecastOptions:
         """
         from ambinav.forecasting.forecast import Forecaster
 
-        which = {"odometry": self._odometry, "localizer": self._localizer}
+        which = {"odometry": self.odometry or ODOMETRY, "localizer": self.localizer or LOCALIZER}
         limits: dict[str, Any] = {
             "position_limit": self.position_limit,
             "lateral_limit": self.lateral_limit,

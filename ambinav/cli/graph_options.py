@@ -45,7 +45,7 @@ class GraphOptions:
         """Refuse options that plan over free floor, and files that cannot be written.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         for reason, holds in (
             ("is for --space r2", robot.space != "r2"),

@@ -10,8 +10,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
+from ambinav.cli.limits import not_negative
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.running import check_map_output, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_map_output, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
 from ambinav.cli.volume_options import VolumeOptions
@@ -26,12 +27,12 @@ def build(
     scanner: options.Scanner,
     output: Annotated[str, typer.Option("--output", "-o")],
     building: BuildingOptions,
-    making: MapOptions,
+    map_options: MapOptions,
     space: SpaceOptions,
     tiling: TileOptions,
     flying: VolumeOptions,
     beacons: BeaconOptions,
-    robot_radius: float = 0.0,
+    robot_radius: Annotated[float, not_negative("0.2")] = 0.0,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -51,26 +52,26 @@ def build(
             are never inside a wall.
     """
     with reporting():
-        making.check()
         space.check()
-        not_negative(robot_radius, "--robot-radius", "0.2")
         flying.check(space, tiling)
         beacons.check(heights=flying.heights is not None, tile=tiling.tile is not None)
         tiling.check(output)
         if tiling.tile is None or "://" not in output:
             check_map_output(output)
         if flying.heights is not None:
-            flying.build(map_file, scanner, building, making, space, robot_radius, output, as_json)
+            flying.build(
+                map_file, scanner, building, map_options, space, robot_radius, output, as_json
+            )
             return
-        environment, chosen = making.load(map_file, scanner, building, space, robot_radius)
+        environment, chosen = map_options.load(map_file, scanner, building, space, robot_radius)
         if tiling.tile is not None:
-            settings = making.settings(environment, chosen, robot_radius)
+            settings = map_options.settings(environment, chosen, robot_radius)
             tiling.build(environment, settings, output, as_json)
             return
         beacons.check_suited(environment, chosen)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)
+            amap = map_options.build(environment, chosen, bars("ambiguity"), robot_radius)
             amap = beacons.add(amap, environment)
         seconds = time.perf_counter() - start
         amap.save(output)

@@ -11,7 +11,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import LAYER as BEACONS
-from ambinav.cli.running import above_zero, not_negative, note
+from ambinav.cli.checks import option_name
+from ambinav.cli.limits import above_zero, at_least, not_negative
+from ambinav.cli.running import note
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress
 
@@ -32,10 +34,13 @@ LARGE_BYTES = 4e9
 
 
 Spacing = Annotated[
-    float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
+    float,
+    above_zero("0.1"),
+    typer.Option("--spacing", metavar="M", help="Distance between map cells, metres."),
 ]
 AmbiguityRadius = Annotated[
     float,
+    above_zero("0.5"),
     typer.Option(
         "--ambiguity-radius",
         metavar="M",
@@ -44,6 +49,7 @@ AmbiguityRadius = Annotated[
 ]
 MapStd = Annotated[
     float | None,
+    not_negative("0.05"),
     typer.Option(
         "--map-std",
         metavar="M",
@@ -53,6 +59,7 @@ MapStd = Annotated[
 ]
 RobotRadius = Annotated[
     float | None,
+    above_zero("0.2"),
     typer.Option(
         "--robot-radius",
         metavar="M",
@@ -112,7 +119,7 @@ class BuildingOptions:
         for given in self.cad_layer or ():
             name, equals, role = given.rpartition("=")
             if not (name and equals):
-                raise InputError(f"--cad-layer: {given!r} is no NAME=ROLE; give e.g. 0=walls.")
+                raise InputError(f"--cad-layer: {given!r} is not NAME=ROLE; give e.g. 0=walls.")
             layers[name] = role
         return {
             "level": self.level,
@@ -136,8 +143,8 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
             value = getattr(group, field.name)
             if value != field.default and not map_file:
                 raise InputError(
-                    f"--{field.name.replace('_', '-')}: {value!r} describes a plan; give it "
-                    "together with --map."
+                    f"{option_name(field.name)}: {value!r} describes a plan; give it together with "
+                    "--map."
                 )
 
 
@@ -155,24 +162,10 @@ class MapOptions:
 
     spacing: Spacing = 0.1
     radius: AmbiguityRadius = 0.5
-    headings: int | None = None
+    headings: Annotated[int | None, at_least(1)] = None
     map_std: MapStd = None
     layers: str | None = None
     no_store: options.NoStore = False
-
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: an option has a value that cannot be used.
-        """
-        above_zero(self.spacing, "--spacing", "0.1")
-        above_zero(self.radius, "--ambiguity-radius", "0.5")
-        not_negative(self.map_std, "--map-std", "0.05")
-        if self.headings is not None and self.headings < 1:
-            raise InputError(
-                f"--headings: {self.headings} is not a number of headings; give 1 or more."
-            )
 
     def load(
         self,
@@ -240,8 +233,8 @@ class MapOptions:
         if scanner.beams <= FEW_BEAMS and spacing > radius / FINE:
             note(
                 f"with {scanner.beams} beams a spacing of {spacing:g} m and an ambiguity radius of "
-                f"{radius:g} m make levels too low, and let them depend on how the building lies; "
-                f"give --spacing {radius / FINE:g} or less."
+                f"{radius:g} m the levels come out too low and depend on the orientation of the "
+                f"building; give --spacing {radius / FINE:g} or less."
             )
         needs = estimate(environment, scanner, spacing, radius, self.headings).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
@@ -313,13 +306,19 @@ class MapOptions:
             "layers": self._layer_names(scanner),
         }
 
+    @property
+    def named_layers(self) -> tuple[str, ...]:
+        """Names of additional layers as they were given, such as "all"."""
+        given = [] if self.layers is None else self.layers.split(",")
+        return tuple(name.strip() for name in given)
+
     def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Return the names of additional layers; the meaning of "all" depends on the building."""
         if self.layers is None:
             return ()
         from ambinav.layers.registry import chosen_layers
 
-        names = tuple(name.strip() for name in self.layers.split(","))
+        names = self.named_layers
         if BEACONS in names:
             raise InputError(
                 f"--layers: {BEACONS} needs the places of beacons; leave it out, and give "
@@ -341,14 +340,6 @@ class ReachOptions:
 
     robot_radius: RobotRadius = None
     start: tuple[float, float] | None = None
-
-    def check(self) -> None:
-        """Check the radius before the long work.
-
-        Raises:
-            InputError: it is not above 0.
-        """
-        above_zero(self.robot_radius, "--robot-radius", "0.2")
 
     def reach(self, environment: Environment, scanner: RangeScanner) -> Reach:
         """Find the floor that the robot reaches; of a radius not given, that of the scanner.

@@ -52,7 +52,7 @@ class MissionOptions:
         """Refuse what is no place, and options that plan a single leg.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         conflict("--any-order", self.any_order and len(self.stops) < 2, "is for two stops or more")
         for option, given in (("--via", self.stops), ("--or-goal", self.other_goals)):

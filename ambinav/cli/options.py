@@ -7,13 +7,17 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin, get_type_hints
 
 import typer
+from typer.models import ParameterInfo
 
-from ambinav.cli.running import note
+from ambinav.cli.checks import option_name
+from ambinav.cli.limits import Limit
+from ambinav.cli.running import note, reporting
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
@@ -22,13 +26,14 @@ if TYPE_CHECKING:
 _ENTRY = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
 
 
-def complete_preset(begun: str) -> list[str]:
-    """Return the presets that complete a partly typed name in the shell."""
-    from ambinav.sensing.presets import preset_names
+def completing(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return a shell completion by names that are read from a module, imported only then."""
+    return lambda incomplete: [
+        name for name in names(import_module(module)) if name.startswith(incomplete)
+    ]
 
-    return [name for name in preset_names() if name.startswith(begun)]
 
-
+complete_preset = completing("ambinav.sensing.presets", lambda presets: presets.preset_names())
 MapFile = Annotated[
     Path,
     typer.Argument(
@@ -110,15 +115,18 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     A parameter may also be an option group: a dataclass, whose fields are options in a panel of the
     help with the title that its `PANEL` gives, described by its docstring under "Attributes"; the
     command gets the group.
+
+    A `Limit` in the annotation of a parameter or a field is checked before the command runs.
     """
     hints = get_type_hints(command, include_extras=True)
     text, _, own = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
     groups: dict[str, Any] = {}
+    limits: list[tuple[str, str, Limit]] = []
     parameters = []
     for parameter in inspect.signature(command).parameters.values():
         kind: Any = hints[parameter.name]
         if not dataclasses.is_dataclass(kind):
-            plain, info = _described(parameter.name, kind, _entries(own))
+            plain, info = _described(parameter.name, kind, _entries(own), limits)
             parameters.append(
                 parameter.replace(
                     annotation=Annotated[plain, info], kind=inspect.Parameter.KEYWORD_ONLY
@@ -128,19 +136,26 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
         groups[parameter.name] = kind
         types, entries = get_type_hints(kind, include_extras=True), _entries_of(kind)
         for field in dataclasses.fields(kind):
-            plain, info = _described(field.name, types[field.name], entries)
+            plain, info = _described(field.name, types[field.name], entries, limits)
             info.rich_help_panel = groups[parameter.name].PANEL
             parameters.append(
                 inspect.Parameter(
                     field.name,
                     inspect.Parameter.KEYWORD_ONLY,
-                    default=field.default,
+                    default=(
+                        inspect.Parameter.empty
+                        if field.default is dataclasses.MISSING
+                        else field.default
+                    ),
                     annotation=Annotated[plain, info],
                 )
             )
 
     @functools.wraps(command)
     def expanded(**given: Any) -> None:
+        with reporting():
+            for name, option, limit in limits:
+                limit.check(given[name], option)
         for name, kind in groups.items():
             own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
             given[name] = kind(**own)
@@ -152,13 +167,25 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     return expanded
 
 
-def _described(name: str, kind: Any, entries: Mapping[str, re.Match[str]]) -> tuple[Any, Any]:
-    """Return the type of a parameter, and its option or argument with the text of its entry."""
-    if get_origin(kind) is Annotated:
-        plain, info = get_args(kind)
-        info = copy.copy(info)  # which other commands may share
-    else:
-        plain, info = kind, typer.Option(f"--{name.replace('_', '-')}")
+def _described(
+    name: str, kind: Any, entries: Mapping[str, re.Match[str]], limits: list[tuple[str, str, Limit]]
+) -> tuple[Any, Any]:
+    """Return the type of a parameter, and its option or argument with the text of its entry.
+
+    Args:
+        name: Name of the parameter.
+        kind: Its annotation.
+        entries: Entries of the docstring.
+        limits: Gets the parameter's limits, each with the name of the parameter and the option.
+    """
+    plain, *marks = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+    infos = [mark for mark in marks if isinstance(mark, ParameterInfo)]
+    # Which other commands may share.
+    info: Any = copy.copy(infos[0]) if infos else typer.Option(option_name(name))
+    # In an annotation typer keeps the first name as the default.
+    names = (info.default, *(info.param_decls or ()), option_name(name))
+    option = next(text for text in map(str, names) if text.startswith("--"))
+    limits += [(name, option, mark) for mark in marks if isinstance(mark, Limit)]
     if info.parser is None:
         info.parser = _PARSERS.get(frozenset(_leaves(plain)))
     # Python without docstrings (-OO) has options without help.

@@ -137,7 +137,7 @@ class PlanCall:
         """Refuse options that are of no use or contradict each other.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         search, cost, promise, result = self.search, self.cost, self.promise, self.result
         search.check()
@@ -242,8 +242,8 @@ class PlanCall:
         for name, seconds in self.speed.minimised(routes, planner.service).items():
             each[name]["minimised_s"] = seconds
             lines.append(
-                f"{name}: planned for {seconds:.1f} s by the errors that localization comes to at "
-                "its places; the times above have those along the route, ramps and turns"
+                f"{name}: planned for {seconds:.1f} s, by the error that localization settles to "
+                "at each place; the times above use the error along the route, with ramps and turns"
             )
         if self.limits.max_bad_metres is not None:
             from ambinav_planners.search.limit import longest_bad

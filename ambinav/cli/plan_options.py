@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ambinav.cli.checks import check_replaced, check_suffix, conflict
-from ambinav.cli.running import above_zero, at_least, check_file, check_writable, not_negative
+from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict
+from ambinav.cli.limits import above_zero, at_least, not_negative
+from ambinav.cli.options import completing
+from ambinav.cli.running import check_file, check_writable
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -23,16 +25,13 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
 
-PICTURES = (".png", ".pdf", ".svg")
 AUTO = "auto"
 BELIEF = "is for the planners belief and belief-roadmap"
 
 
-def _complete_planner(begun: str) -> list[str]:
-    """Return the planners that complete a partly typed name in the shell."""
-    from ambinav_planners.registry import PLANNERS
-
-    return [name for name in (AUTO, *PLANNERS.names()) if name.startswith(begun)]
+_complete_planner = completing(
+    "ambinav_planners.registry", lambda registry: (AUTO, *registry.PLANNERS.names())
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +53,8 @@ class SearchOptions:
         AUTO
     )
     time: Annotated[float, typer.Option("--time", "-t")] = 1.0
-    iterations: int | None = None
-    seed: int | None = None
+    iterations: Annotated[int | None, at_least(1)] = None
+    seed: Annotated[int | None, at_least(0)] = None
     improve: Annotated[
         bool, typer.Option(help="Shorten and smooth the route; its cost never rises.")
     ] = True
@@ -66,16 +65,13 @@ class SearchOptions:
         return self.planner.startswith("belief")
 
     def check(self) -> None:
-        """Refuse an invalid time, number of iterations or seed.
+        """Refuse an invalid time.
 
         Raises:
-            InputError: the time is not above zero, or inf without a number of iterations; or
-                another is out of its range.
+            InputError: the time is not above zero, or inf without a number of iterations.
         """
-        at_least(1, ("--iterations", self.iterations))
-        at_least(0, ("--seed", self.seed))
         if not (self.time == math.inf and self.iterations is not None):
-            above_zero(self.time, "--time", "1", "seconds")
+            above_zero("1", "seconds").check(self.time, "--time")
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -106,18 +102,18 @@ class CostOptions:
 
     PANEL: ClassVar[str] = "Cost"
 
-    weight: Annotated[float, typer.Option("--weight", "-w")] = 5.0
+    weight: Annotated[float, not_negative("5", "a number"), typer.Option("--weight", "-w")] = 5.0
     layer: str | None = None
-    clearance_weight: float = 0.0
-    comfort: float = 0.5
+    clearance_weight: Annotated[float, not_negative("1", "a number")] = 0.0
+    comfort: Annotated[float, above_zero("0.5")] = 0.5
     prefer: Path | None = None
-    outside_weight: float | None = None
+    outside_weight: Annotated[float | None, not_negative("1", "a number")] = None
 
     def check(self, search: SearchOptions) -> None:
-        """Refuse numbers that are no valid cost.
+        """Refuse options that have no effect together.
 
         Raises:
-            InputError: there is one, or one that the planner would not look at.
+            InputError: a value or a combination of options cannot be used.
         """
         for option, given in (
             ("--clearance-weight", self.clearance_weight != 0.0),
@@ -126,22 +122,18 @@ class CostOptions:
             conflict(
                 option,
                 given and search.has_belief,
-                "is no part of what the belief planners minimise",
+                "is not part of the cost of the belief planners",
             )
         conflict(
             "--outside-weight",
             self.outside_weight is not None and self.prefer is None,
             "is for --prefer",
         )
-        not_negative(self.outside_weight, "--outside-weight", "1", "a number")
-        not_negative(self.weight, "--weight", "5", "a number")
-        above_zero(self.comfort, "--comfort", "0.5")
         conflict(
             "--comfort",
             self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
             "is for --clearance-weight",
         )
-        not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
     @property
     def adds_metres(self) -> bool:
@@ -242,31 +234,29 @@ class BeliefOptions:
     PANEL: ClassVar[str] = "Belief planners"
 
     max_std: float | None = None
-    start_std: float | None = None
-    odometry_scale: float | None = None
+    start_std: Annotated[float | None, not_negative("0.1", "a number")] = None
+    odometry_scale: Annotated[float | None, not_negative("0.25", "a number")] = None
 
     def check(self, search: SearchOptions, odometry: str | None) -> None:
-        """Refuse numbers that are no valid deviation, and a second odometry.
+        """Refuse options for other planners, and a second odometry.
 
         Args:
             search: The planner.
             odometry: Name of the odometry of forecasts; None: it is not given.
 
         Raises:
-            InputError: there is one, or one that the planner would not look at.
+            InputError: a value or a combination of options cannot be used.
         """
         conflict(
             "--odometry-scale", self.odometry_scale is not None and odometry is not None,
             "is an odometry, and --odometry another",
         )  # fmt: skip
-        for option, value, example in (
-            ("--max-std", self.max_std, ""),
-            ("--start-std", self.start_std, "0.1"),
-            ("--odometry-scale", self.odometry_scale, "0.25"),
+        for option, value in (
+            ("--max-std", self.max_std),
+            ("--start-std", self.start_std),
+            ("--odometry-scale", self.odometry_scale),
         ):
             conflict(option, value is not None and not search.has_belief, BELIEF)
-            if example:
-                not_negative(value, option, example, "a number")
 
     def arguments(self, odometry: str | None) -> dict[str, Any]:
         """Return the arguments of `RoutePlanner` about the belief; see `check`."""
@@ -275,7 +265,8 @@ class BeliefOptions:
 
         model = BeliefModel(max_std=math.inf if self.max_std is None else self.max_std)
         if self.start_std is not None:
-            model = replace(model, start_std=self._start(self.start_std))
+            std = (self.start_std, self.start_std, model.start_std[2])
+            model = replace(model, start_std=std)
         noise = self._noise()
         if noise is None and odometry is not None:
             noise = odometry_of(odometry)
@@ -293,12 +284,6 @@ class BeliefOptions:
         """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
         return named if scale is None else f"{scale:g} times amcl-default"
-
-    def _start(self, std: float) -> tuple[float, float, float]:
-        """Return the deviations at the start, that of the heading by default."""
-        from ambinav_planners.belief.model import BeliefModel
-
-        return (std, std, BeliefModel().start_std[2])
 
     def _noise(self) -> OdometryNoise | None:
         from ambinav.drive.noise import OdometryNoise
@@ -331,7 +316,7 @@ class ResultOptions:
         """Refuse files that cannot be written, and options that contradict each other.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
         conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
@@ -349,9 +334,7 @@ class ResultOptions:
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
             check_replaced(output)
-        if self.picture is not None:
-            check_suffix(self.picture, "--picture", PICTURES)
-            check_file(self.picture)
+        check_picture(self.picture)
 
 
 def _polygons(path: Path | None) -> BaseGeometry | None:

@@ -91,15 +91,13 @@ def write_routes(
     stops: Sequence[tuple[float, float]] = (),
 ) -> None:
     """Write the first route, and all of them into the picture, with the stops in their order."""
-    from ambinav.plotting.canvas import save_figure
     from ambinav.routes.files import save_route
-    from ambinav.runtime.files import replacing
 
     if picture is not None:
+        from ambinav.plotting.canvas import save_figure
         from ambinav.plotting.routes import plot_routes
 
-        with replacing(picture) as scratch:
-            save_figure(plot_routes(robot.service.map, routes, stops=stops), scratch)
+        save_figure(plot_routes(robot.service.map, routes, stops=stops), picture)
     save_route(next(iter(routes.values())), output)
 
 
@@ -107,14 +105,12 @@ def draw_no_path(robot: RoutePlanner, error: NoPathError, picture: Path) -> None
     """Draw the part of the floor that is connected to the start, and the part of the goal."""
     from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.components import plot_components
-    from ambinav.runtime.files import replacing
 
-    with replacing(picture) as scratch:
-        figure = plot_components(
-            robot.service.map, error.labels, error.start, error.goal, error.start_label,
-            error.goal_label, narrowest=error.narrowest,
-        )  # fmt: skip
-        save_figure(figure, scratch)
+    figure = plot_components(
+        robot.service.map, error.labels, error.start, error.goal, error.start_label,
+        error.goal_label, narrowest=error.narrowest,
+    )  # fmt: skip
+    save_figure(figure, picture)
 
 
 def show_routes(

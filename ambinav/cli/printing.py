@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import typer
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
     from rich.table import Table
     from rich.text import Text
+
+T = TypeVar("T", bound="BaseModel")
 
 
 def show(*parts: str | Text | Table, width: int | None = None, wrap: bool = True) -> None:
@@ -26,6 +32,31 @@ def show(*parts: str | Text | Table, width: int | None = None, wrap: bool = True
         console = Console(highlight=False, width=width)
     shown = (Text(part) if isinstance(part, str) else part for part in parts)
     console.print(*shown, sep="\n", soft_wrap=not wrap)
+
+
+def finish(
+    report: T,
+    show_text: Callable[[T], None],
+    page: Path | str | None = None,
+    *,
+    as_json: bool,
+    quiet: bool = False,
+) -> None:
+    """Print a report as JSON, or as text with the path of its page.
+
+    Args:
+        report: The report.
+        show_text: Prints its text.
+        page: Its page; None: there is none, or the text names it.
+        as_json: Print JSON.
+        quiet: Print nothing but JSON.
+    """
+    if as_json:
+        typer.echo(report.model_dump_json(indent=2))
+    elif not quiet:
+        show_text(report)
+        if page is not None:
+            show("", f"report: {page}", wrap=False)
 
 
 def table(

@@ -58,7 +58,7 @@ class PromiseOptions:
         """Refuse what is no share, and options that plan otherwise.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         for option, share in (("--max-lost", self.max_lost), ("--verify", self.verify)):
             if share is not None and not 0.0 < share < 1.0:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ambinav.cli.checks import conflict, points_of
-from ambinav.cli.running import above_zero, not_negative
+from ambinav.cli.limits import above_zero, not_negative
 from ambinav.runtime.errors import InputError
 
 Pose = tuple[float, float, float]
@@ -38,8 +38,8 @@ class RobotOptions:
 
     PANEL: ClassVar[str] = "Robot"
 
-    robot_radius: float | None = None
-    half_height: float | None = None
+    robot_radius: Annotated[float | None, not_negative("0.2")] = None
+    half_height: Annotated[float | None, above_zero("0.2")] = None
     footprint: str | None = None
     space: str = "r2"
     turning_radius: float = 0.0
@@ -50,11 +50,10 @@ class RobotOptions:
         """Refuse options that do not fit the space or the outline.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
-        not_negative(self.robot_radius, "--robot-radius", "0.2", "metres")
         if self.space in CURVES:
-            above_zero(self.turning_radius, "--turning-radius", "0.5")
+            above_zero("0.5").check(self.turning_radius, "--turning-radius")
         else:
             conflict(
                 "--turning-radius",
@@ -66,7 +65,9 @@ class RobotOptions:
             ("--goal-heading", self.goal_heading),
         ):
             if heading is not None and not math.isfinite(heading):
-                raise InputError(f"{option}: {heading} is no heading; give degrees, e.g. 90.")
+                raise InputError(
+                    f"{option}: {heading} is not a valid heading; give degrees, e.g. 90."
+                )
             conflict(
                 option,
                 heading is not None and self.space == "r2",

@@ -1,9 +1,8 @@
-"""Parts common to all commands: exit status, notes, progress, JSON, checks of numbers."""
+"""Parts common to all commands: exit status, notes, progress, JSON."""
 
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import sys
 import tempfile
@@ -12,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import typer
 
@@ -21,10 +20,6 @@ from ambinav.runtime.progress import Progress, Stages
 
 if TYPE_CHECKING:
     from ambinav.studies.study import Study
-
-LARGEST: Final = 1e9
-"""No option takes a larger number: squares and counts of it stay finite."""
-
 
 BAD_INPUT = 2
 OUR_FAULT = 1
@@ -246,7 +241,7 @@ def check_apart(output: Path, *inputs: str | Path | None) -> None:
     """
     for read in inputs:
         if read is not None and Path(read).exists() and output.resolve() == Path(read).resolve():
-            raise InputError(f"--output: {output} is what is read; name another file.")
+            raise InputError(f"--output: {output} is also the input; name another file.")
 
 
 def check_report(study: Study, output: Path | None, image_format: str) -> None:
@@ -263,51 +258,12 @@ def check_report(study: Study, output: Path | None, image_format: str) -> None:
     from ambinav.plotting.style import FORMATS
 
     if image_format not in FORMATS:
-        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
+        raise InputError(
+            f"--pictures: {image_format!r} is not a picture format; give {' or '.join(FORMATS)}."
+        )
     if output is not None:
         check_writable(output)
         study.folder.check(output)
-
-
-def at_least(least: int, *numbers: tuple[str, int | None]) -> None:
-    """Check options that are counts; None passes.
-
-    Raises:
-        InputError: one is less than `least`, which is 0 or 1.
-    """
-    fault = "too few" if least else "negative"
-    for option, number in numbers:
-        if number is not None and number < least:
-            raise InputError(f"{option}: {number} is {fault}; give {least} or more.")
-
-
-def above_zero(value: float | None, option: str, example: str, unit: str = "metres") -> None:
-    """Check a number that must be finite and above zero; None passes.
-
-    Raises:
-        InputError: it is not.
-    """
-    if value is not None and not (math.isfinite(value) and value > 0.0):
-        fault = "is not finite" if value > 0.0 else "is not above zero"
-        raise InputError(f"{option}: {value:g} {fault}; give {unit}, e.g. {example}.")
-    _check_size(value, option, example, unit)
-
-
-def not_negative(value: float | None, option: str, example: str, unit: str = "metres") -> None:
-    """Check a number that must be finite and not negative; None passes.
-
-    Raises:
-        InputError: it is not.
-    """
-    if value is not None and not (math.isfinite(value) and value >= 0.0):
-        fault = "is not finite" if value > 0.0 else "is not zero or above"
-        raise InputError(f"{option}: {value:g} {fault}; give {unit}, e.g. {example}.")
-    _check_size(value, option, example, unit)
-
-
-def _check_size(value: float | None, option: str, example: str, unit: str) -> None:
-    if value is not None and value > LARGEST:
-        raise InputError(f"{option}: {value:g} is too large; give {unit}, e.g. {example}.")
 
 
 def note(text: str) -> None:

@@ -65,7 +65,7 @@ def serve(
     with reporting():
         need("ambinav serve", ("fastapi", "uvicorn", "prometheus_client"), "serve")
         if not 0 <= port <= 65535:
-            raise InputError(f"--port: {port} is no port; give 0 to 65535.")
+            raise InputError(f"--port: {port} is not a valid port; give 0 to 65535.")
         for name, text in (("--token", token), ("--read-token", read_token)):
             if text is not None and not (text.isascii() and text.isprintable() and text.strip()):
                 raise InputError(f"{name}: give printable ASCII characters.")
@@ -130,8 +130,8 @@ def _network(proxy: str) -> str:
         return str(ipaddress.ip_network(proxy))
     except ValueError as error:
         raise InputError(
-            f"--trusted-proxy: {proxy!r} is no address or network ({error}); give e.g. 10.0.0.7 or "
-            "10.0.0.0/8."
+            f"--trusted-proxy: {proxy!r} is not an address or a network ({error}); give e.g. "
+            "10.0.0.7 or 10.0.0.0/8."
         ) from error
 
 
@@ -147,7 +147,9 @@ def _listen(host: str, port: int) -> socket.socket:
         )[0]
         opened = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise InputError(f"--host: {host!r} is no address here ({error.strerror}).") from error
+        raise InputError(
+            f"--host: {host!r} is not an address of this machine ({error.strerror})."
+        ) from error
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind(address)
@@ -161,9 +163,8 @@ def _listen(host: str, port: int) -> socket.socket:
         if error.errno == errno.EACCES:
             raise InputError(f"--port: {port} needs privileges; give one from 1024 on.") from error
         raise InputError(
-            f"--host: {host!r} cannot be used to listen ({error.strerror}); give an address of "
-            "this "
-            "machine, e.g. 127.0.0.1."
+            f"--host: {host!r} cannot be used to listen ({error.strerror}); give an address "
+            "of this machine, e.g. 127.0.0.1."
         ) from error
     return opened
 

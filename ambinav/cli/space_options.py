@@ -6,26 +6,16 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from ambinav.cli.running import above_zero
+from ambinav.cli.checks import option_name
+from ambinav.cli.limits import above_zero, at_least
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.sensing.building_file import SpaceSettings
     from ambinav.sensing.scanner import RangeScanner
-
-EXAMPLES = {
-    "extrude": "2.5", "scanner_height": "0.3", "robot_height": "1.2", "voxel": "0.05",
-    "voxel_points": "2",
-}  # fmt: skip
-"""Options above zero, each with a good value."""
-
-
-def option(name: str) -> str:
-    """Return the option name of a field."""
-    return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +29,7 @@ class HeightOptions:
 
     PANEL: ClassVar[str] = "Space"
 
-    extrude: float | None = None
+    extrude: Annotated[float | None, above_zero("2.5")] = None
     in_space: bool = False
 
     def check(self) -> None:
@@ -48,9 +38,6 @@ class HeightOptions:
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        for field in fields(self):
-            if field.name in EXAMPLES:
-                above_zero(getattr(self, field.name), option(field.name), EXAMPLES[field.name])
         with self._naming_options():
             self.settings()
 
@@ -86,7 +73,7 @@ class HeightOptions:
             name, _, remainder = str(error).partition(": ")
             if name not in [field.name for field in fields(self)]:
                 raise
-            raise InputError(f"{option(name)}: {remainder}") from error
+            raise InputError(f"{option_name(name)}: {remainder}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,12 +91,12 @@ class SpaceOptions(HeightOptions):
         voxel_points (N): Leave out voxels with fewer points, as outliers. [default: 1]
     """
 
-    scanner_height: float | None = None
-    robot_height: float | None = None
+    scanner_height: Annotated[float | None, above_zero("0.3")] = None
+    robot_height: Annotated[float | None, above_zero("1.2")] = None
     floor: float | None = None
     up: str | None = None
-    voxel: float | None = None
-    voxel_points: int | None = None
+    voxel: Annotated[float | None, above_zero("0.05")] = None
+    voxel_points: Annotated[int | None, at_least(1)] = None
 
     def mounted(self, scanner: RangeScanner) -> RangeScanner:
         """Return the scanner at its height."""

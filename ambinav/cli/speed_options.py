@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 from ambinav.cli.checks import conflict
+from ambinav.cli.limits import above_zero, not_negative
 from ambinav.cli.plan_options import CostOptions, LimitOptions, ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
-from ambinav.cli.running import above_zero, not_negative
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
@@ -48,12 +48,12 @@ class SpeedOptions:
 
     PANEL: ClassVar[str] = "Speed"
 
-    max_speed: float | None = None
-    acceleration: float | None = None
-    max_turn_rate: float | None = None
-    lateral_acceleration: float | None = None
-    stop_sigmas: float | None = None
-    creep_speed: float | None = None
+    max_speed: Annotated[float | None, above_zero("0.5", "metres per second")] = None
+    acceleration: Annotated[float | None, above_zero("0.5", "m/s^2")] = None
+    max_turn_rate: Annotated[float | None, above_zero("1", "radians per second")] = None
+    lateral_acceleration: Annotated[float | None, above_zero("0.5", "m/s^2")] = None
+    stop_sigmas: Annotated[float | None, not_negative("3", "a number")] = None
+    creep_speed: Annotated[float | None, above_zero("0.1", "metres per second")] = None
     minimise: str = "cost"
 
     @property
@@ -74,10 +74,10 @@ class SpeedOptions:
         result: ResultOptions,
         limits: LimitOptions,
     ) -> None:
-        """Refuse numbers that are no limits, and options that contradict minimum time.
+        """Refuse a creep speed above the others, and options that contradict minimum time.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         if self.minimise not in ("cost", TIME):
             raise InputError(f"--minimise: {self.minimise!r} is neither cost nor time; give one.")
@@ -92,22 +92,8 @@ class SpeedOptions:
             ("--planner belief", search.has_belief),
         ):
             conflict(option, given and self.least_time, "is not for --minimise time")
-        for option, value, example, unit in (
-            ("--max-speed", self.max_speed, "0.5", "metres per second"),
-            ("--acceleration", self.acceleration, "0.5", "m/s^2"),
-            ("--max-turn-rate", self.max_turn_rate, "1", "radians per second"),
-            (
-                "--lateral-acceleration",
-                self.lateral_acceleration,
-                "0.5",
-                "metres per second squared",
-            ),
-            ("--creep-speed", self.creep_speed, "0.1", "metres per second"),
-        ):
-            above_zero(value, option, example, unit)
         from ambinav.routes.clock import SpeedLimits
 
-        not_negative(self.stop_sigmas, "--stop-sigmas", "3", "a number")
         fastest = SpeedLimits().max_speed if self.max_speed is None else self.max_speed
         if self.creep_speed is not None and self.creep_speed > fastest:
             raise InputError(

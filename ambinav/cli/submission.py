@@ -87,7 +87,7 @@ class SubmissionOptions:
             write_text(self.submit, json.dumps(record) + "\n")
         else:
             assert self.rerun is not None
-            conflict("--quick", quick, "is no verification")
+            conflict("--quick", quick, "cannot verify a submission")
             with progress_bars(as_json) as bars:
                 record, difference = verify(
                     self.rerun, frozen, bars, policies, trust, self.secret, self.recorded

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ambinav.cli.running import INTERRUPTED, above_zero, note, progress_bars
+from ambinav.cli.limits import above_zero, at_least
+from ambinav.cli.running import INTERRUPTED, note, progress_bars
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.processes import processors
 
@@ -36,9 +37,9 @@ class TileOptions:
 
     PANEL: ClassVar[str] = "Tiles"
 
-    tile: float | None = None
+    tile: Annotated[float | None, above_zero("20")] = None
     dry_run: bool = False
-    workers: int | None = None
+    workers: Annotated[int | None, at_least(0)] = None
     scheduler: str | None = None
 
     def check(self, output: str) -> None:
@@ -48,9 +49,6 @@ class TileOptions:
             InputError: an option has a value that cannot be used, or needs --tile; the scheduler
                 does not answer, or nothing can be written to the output's URL.
         """
-        above_zero(self.tile, "--tile", "20")
-        if self.workers is not None and self.workers < 0:
-            raise InputError(f"--workers: {self.workers} is negative; give 0 or more.")
         if self.workers is not None and self.scheduler is not None:
             raise InputError(
                 "--workers: processes of this computer and --scheduler exclude each other; give "

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.limits import above_zero, at_least
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import INTERRUPTED, above_zero, at_least, check_writable, reporting, say
+from ambinav.cli.running import INTERRUPTED, check_writable, reporting, say
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,9 +26,9 @@ def train(
     config_file: Annotated[Path, typer.Argument()],
     output: Annotated[Path, typer.Option("--output", "-o")],
     resume: bool = False,
-    seed: int | None = None,
-    minutes: float | None = None,
-    steps: int | None = None,
+    seed: Annotated[int | None, at_least(0)] = None,
+    minutes: Annotated[float | None, above_zero("30", "minutes")] = None,
+    steps: Annotated[int | None, above_zero("1000000", "steps")] = None,
     task: str | None = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -51,9 +52,6 @@ def train(
     with reporting():
         if minutes is not None and steps is not None:
             raise InputError("--minutes and --steps are given; give one of the two.")
-        above_zero(minutes, "--minutes", "30", "minutes")
-        above_zero(steps, "--steps", "1000000", "steps")
-        at_least(0, ("--seed", seed))
         need("training", TRAINED)
         from ambinav_envs.training.config_file import load_training_config
         from ambinav_envs.training.folder import CHECKPOINTS

@@ -46,7 +46,7 @@ class VolumeOptions:
         """Refuse what is no row of heights, and options for robots on the floor.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         if self.heights is not None:
             highest, asked = self.values()[-1], self.heights.split(":")
@@ -89,7 +89,7 @@ class VolumeOptions:
         map_file: Path,
         scanner: str,
         building: BuildingOptions,
-        making: MapOptions,
+        map_options: MapOptions,
         space: SpaceOptions,
         robot_radius: float,
         output: str,
@@ -108,20 +108,20 @@ class VolumeOptions:
         radius = robot_radius or own_radius(carried)
         # The floor of a mesh is found for a robot that stands on it before it takes off.
         rise = max(2.0 * radius - float(carried.upright[:, 0].max()), 0.0)
-        environment, _ = making.load(map_file, carried.raised(rise), building, space, radius)
+        environment, _ = map_options.load(map_file, carried.raised(rise), building, space, radius)
         if environment.space is None:
             raise InputError(
                 f"--heights: {map_file} is a plan, without heights; give --extrude with the height "
                 "of its walls, e.g. 2.5, or for an .ifc file --in-space."
             )
         heights = self.values()
-        announce = functools.cache(lambda: making.announce(environment, carried, len(heights)))
+        announce = functools.cache(lambda: map_options.announce(environment, carried, len(heights)))
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             volume = build_volume(
-                environment, carried, heights, making.spacing, robot_radius=radius,
-                progress=bars("ambiguity"), store=options.store_of(making.no_store, announce),
-                **making.arguments(carried),
+                environment, carried, heights, map_options.spacing, robot_radius=radius,
+                progress=bars("ambiguity"), store=options.store_of(map_options.no_store, announce),
+                **map_options.arguments(carried),
             )  # fmt: skip
         seconds = time.perf_counter() - start
         volume.save(output)

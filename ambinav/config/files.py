@@ -45,7 +45,7 @@ class _Loader(yaml.SafeLoader):
             word = key.tag, key.value
             if word in known:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key.value!r} stands there twice", key.start_mark
+                    None, None, f"the key {key.value!r} is given twice", key.start_mark
                 )
             known.add(word)
         return super().construct_mapping(node, deep)

@@ -70,7 +70,7 @@ def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
     """Check that all keys are known.
 
     Raises:
-        InputError: there is one; the nearest known ones are offered.
+        InputError: a key is unknown; the nearest known ones are offered.
     """
     names = list(known)
     for key in plain:

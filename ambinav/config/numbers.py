@@ -73,7 +73,7 @@ def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     except (TypeError, ValueError) as error:
         *first, last = values
         raise InputError(
-            f"{', '.join(first)} and {last} are no numbers of matching shapes ({error}); give "
+            f"{', '.join(first)} and {last} cannot be broadcast together ({error}); give "
             "numbers, or arrays of equal shapes."
         ) from error
 

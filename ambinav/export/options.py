@@ -69,7 +69,7 @@ class ExportOptions:
         """Check for options that an exporter ignores, and for invalid values.
 
         Raises:
-            InputError: there is one.
+            InputError: a value or a combination of options cannot be used.
         """
         for field in fields(self):
             value = getattr(self, field.name)
@@ -107,7 +107,7 @@ class ExportOptions:
             raise InputError(f"--milestones: {self.milestones}; give 2 or more.")
         for zone in self.zones:
             if zone not in ZONES:
-                raise InputError(f"--zone: {zone!r} is no zone; {nearest(zone, ZONES)}.")
+                raise InputError(f"--zone: {zone!r} is not a zone; {nearest(zone, ZONES)}.")
         if self.package is not None and not PACKAGE.fullmatch(self.package):
             raise InputError(
                 f"--package: {self.package!r}; give a ROS package and a folder: my_robot/maps."

@@ -166,7 +166,7 @@ def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
         )
     if outline.geom_type.endswith("Polygon") and not outline.is_valid:
         raise InputError(
-            f"{what}: its outline is no simple polygon ({shapely.is_valid_reason(outline)}); "
+            f"{what}: its outline is not a simple polygon ({shapely.is_valid_reason(outline)}); "
             "give edges that do not cross."
         )
     return outline

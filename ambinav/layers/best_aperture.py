@@ -96,7 +96,7 @@ def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
     (part,) = scanner.parts
     layout = part.layout
     if not isinstance(layout, Planar):
-        raise TypeError(f"{scanner.name!r} is no fan; see why_not")
+        raise TypeError(f"{scanner.name!r} is not a fan; see why_not")
     return replace(scanner, parts=(Part(part.sensor, layout.with_aperture(aperture)),))
 
 
@@ -104,7 +104,7 @@ def why_not(scanner: RangeScanner) -> str | None:
     """Return why the layer does not exist for a scanner; None if it does."""
     layout = scanner.parts[0].layout
     if len(scanner.parts) > 1 or not isinstance(layout, Planar) or layout.beams < 2:
-        return "it is no single planar fan of two beams or more, which alone can be widened."
+        return "only a single planar fan of two beams or more can be widened."
     return None
 
 

@@ -196,7 +196,7 @@ def _why_not(scanner: RangeScanner) -> str | None:
         return None
     return (
         f"all its beams are cones, of {math.degrees(narrowest):g} degrees or more, and the "
-        "reading of a cone is no point on a wall."
+        "reading of a cone is not a point on a wall."
     )
 
 

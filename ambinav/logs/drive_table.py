@@ -36,8 +36,8 @@ def load_drive(path: str | Path) -> RecordedDrive:
     missing = [name for name in wanted if name not in names]
     if missing:
         raise InputError(
-            f"{path}: the column {missing[0]} is missing, so this is no drive of ambinav; give the "
-            "drive.csv of a comparison's `exports`, or a trajectory that ends in .tum."
+            f"{path}: the column {missing[0]} is missing, so this is not a drive of ambinav; give "
+            "the drive.csv of a comparison's `exports`, or a trajectory that ends in .tum."
         )
     rows = []
     for number, line in enumerate(lines[1:], start=2):

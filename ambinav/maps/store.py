@@ -87,8 +87,8 @@ def write(dataset: xr.Dataset, address: Address) -> None:
         # Whatever a file system raises: each has errors of its own.
         except Exception as error:
             raise InputError(
-                f"{address}: the map cannot be written ({reason_of(error)}), and what is there is "
-                "none; check your rights and the network, and save it again."
+                f"{address}: the map cannot be written ({reason_of(error)}), and the incomplete "
+                "store there is not a map; check your rights and the network, and save it again."
             ) from error
 
 
@@ -311,7 +311,7 @@ def _metadata(address: Address, root: bytes) -> dict[str, Any]:
         raise ValueError
     except (ValueError, AttributeError) as error:
         raise InputError(
-            f"{address}/{ROOT}: the map cannot be read, this is no metadata of zarr; make the map "
+            f"{address}/{ROOT}: the map cannot be read, this is not metadata of zarr; make the map "
             "again."
         ) from error
 

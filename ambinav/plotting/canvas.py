@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 
+from ambinav.runtime.files import replacing
+
 DPI: Final = 160
 MARGIN: Final = 0.08
 """Inches around a picture."""
@@ -66,7 +68,15 @@ def fit(axes: Axes) -> None:
 
 
 def save_figure(picture: Axes | Figure, path: Path) -> None:
-    """Write a figure, or the figure of some axes; the suffix of `path` sets the format."""
+    """Write a figure, or the figure of some axes, completely or not at all.
+
+    Args:
+        picture: The figure, or some axes of it.
+        path: File to write; its suffix sets the format.
+
+    Raises:
+        InputError: see `ambinav.runtime.files.replacing`.
+    """
     figure = picture if isinstance(picture, Figure) else root_figure(picture)
     _take_literally(figure)
     suffix = path.suffix.lower()
@@ -80,8 +90,8 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
         # This layout draws the whole figure twice.
         options |= {"bbox_inches": "tight", "pad_inches": MARGIN}
     # Else the ids in an SVG file are drawn at random.
-    with rc_context({"svg.hashsalt": "ambinav"}):
-        figure.savefig(path, dpi=DPI, **options)
+    with rc_context({"svg.hashsalt": "ambinav"}), replacing(path) as fresh:
+        figure.savefig(fresh, dpi=DPI, **options)
 
 
 def _take_literally(figure: Figure) -> None:

@@ -280,7 +280,7 @@ def _unknown(name: str, quantities: Quantities, others: str) -> str:
     close = difflib.get_close_matches(plain, quantities, n=3, cutoff=0.5)
     close = close or [known for known in quantities if plain in known or known in plain][:3]
     offer = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
-    return f"{name!r} is no figure of the report; {offer}{others}."
+    return f"{name!r} is not a figure of the report; {offer}{others}."
 
 
 def _remedy(condition: Condition, unit: str, quantities: Quantities) -> str:

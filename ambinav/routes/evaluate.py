@@ -231,7 +231,7 @@ def _covariances(given: ArrayLike, count: int) -> Floats:
             f"{count} poses."
         )
     if not np.isfinite(out).all():
-        raise InputError("covariances holds what is not finite; give metres and radians squared.")
+        raise InputError("covariances must be finite, in metres and radians squared.")
     if not np.allclose(out, out.transpose(0, 2, 1), rtol=1e-6, atol=1e-12):
         raise InputError("covariances holds one that is not symmetric; give symmetric matrices.")
     return 0.5 * (out + out.transpose(0, 2, 1))

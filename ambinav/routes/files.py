@@ -65,7 +65,7 @@ def load_route(path: str | Path) -> Route:
     with EXPORTERS.calling(reader.name):
         route = reader.read(path)
         if not isinstance(route, Route):
-            raise TypeError(f"it is no Route but {route!r}")
+            raise TypeError(f"it is not a Route but {route!r}")
     return route
 
 
@@ -89,7 +89,7 @@ def _read_json(path: Path, member: str) -> Route:
         raise InputError(f"{path}: {table.IN_SPACE}")
     if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
-            f"{path}: {member}.poses is missing, so this is no route of ambinav; "
+            f"{path}: {member}.poses is missing, so this is not a route of ambinav; "
             "save one with `ambinav plan`."
         )
     plain_figures = {name: value for name, value in content.items() if name != "poses"}

@@ -111,5 +111,5 @@ def _figure(line: str, where: str) -> tuple[str, Any]:
         return name.strip(), json.loads(value)
     except json.JSONDecodeError as error:
         raise InputError(
-            f"{where}: {line.strip()!r} is no figure of a route; write it as '# name: value'."
+            f"{where}: {line.strip()!r} is not a figure of a route; write it as '# name: value'."
         ) from error

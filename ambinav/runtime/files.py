@@ -155,7 +155,7 @@ def _replace_path(fresh: Path, path: Path, old: Path) -> None:
     if path.is_dir() != fresh.is_dir():
         existing, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
         raise InputError(
-            f"{path}: a {existing} is there and a {wanted} is to be written; choose another output."
+            f"{path}: a {existing} exists where a {wanted} is to be written; choose another output."
         )
     if path.is_file():
         os.replace(fresh, path)

@@ -79,9 +79,9 @@ class SpaceSettings:
         if (cloud := _triangles_of(path)) is not None:
             return self._floor(path, cloud, scanner, robot_radius, reading)
         environment = load_environment(path, in_space=self.in_space or None, **reading)
-        self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
+        self._refuse(OF_A_CLOUD, f"{path} is not a point cloud; leave it out.")
         other = ", or give extrude for a plan's height" if self.extrude is None else ""
-        self._refuse(OF_A_MESH, f"{path} is no mesh; leave it out{other}.")
+        self._refuse(OF_A_MESH, f"{path} is not a mesh; leave it out{other}.")
         if self.extrude is None:
             return environment
         return environment.in_space(extruded(environment, self.extrude))
@@ -109,7 +109,7 @@ class SpaceSettings:
                 "give a plan, or in Python map={'file': ...} of the environments."
             )
         if not cloud:
-            self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
+            self._refuse(OF_A_CLOUD, f"{path} is not a point cloud; leave it out.")
         if path.suffix.lower() in OCTOMAPS:
             self._refuse(("up",), f"{path} is an OctoMap, whose z is up; leave it out.")
         from ambinav.buildings.mesh.floor import floor_environment

@@ -283,7 +283,7 @@ def _modelled(plain: dict[str, Any], where: str) -> RangeSensor:
         with SENSOR_MODELS.calling(name):
             sensor = model.make(from_mapping(model.parameters, plain))
             if not isinstance(sensor, RangeSensor):
-                raise TypeError(f"it is no RangeSensor but {sensor!r}")
+                raise TypeError(f"it is not a RangeSensor but {sensor!r}")
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     return sensor

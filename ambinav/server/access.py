@@ -73,15 +73,15 @@ class Access:
                 or parts.fragment
             ):
                 raise InputError(
-                    f"--public-url: {self.public_url!r} is no address of a page; give e.g. "
+                    f"--public-url: {self.public_url!r} is not the address of a page; give e.g. "
                     "https://maps.example.org/ambinav."
                 )
         for host in self.hosts:
             parts = _split(f"//{host}" if host.count(":") < 2 else f"//[{host}]")
             if parts is None or not parts.hostname or parts.port is not None or parts.path:
                 raise InputError(
-                    f"--allowed-host: {host!r} is no name; give it without scheme, port and path, "
-                    "e.g. maps.example.org."
+                    f"--allowed-host: {host!r} is not a host name; give it without scheme, port "
+                    "and path, e.g. maps.example.org."
                 )
         if self.token is not None and self.token == self.read_token:
             raise InputError("--read-token: it is the same as --token; give another one.")

@@ -408,7 +408,7 @@ class _BusyError(Exception):
 
 
 def _no_server(url: str) -> str:
-    return f"{url}: this is no ambinav server; give the address that `ambinav serve` prints."
+    return f"{url}: this is not an ambinav server; give the address that `ambinav serve` prints."
 
 
 def _weight(weight: float) -> float:

@@ -85,7 +85,7 @@ class AmbiguityService:
             layer = amap.cost_layer
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
-            raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
+            raise InputError(f"layer {layer!r} is not an amount; a cost needs one, such as level.")
         attrs = amap.dataset[layer].attrs
         if attrs.get("worse") == "low" or attrs.get("better") == "high":
             raise InputError(

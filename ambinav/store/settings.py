@@ -66,7 +66,7 @@ def parse_size(text: str, what: str) -> int:
     match = _SIZE.fullmatch(text.strip())
     size = math.inf if match is None else float(match[1]) * _UNITS[match[2]]
     if math.isinf(size):
-        raise InputError(f"{what}: {text!r} is no size; give e.g. 500 MB or 2 GB.")
+        raise InputError(f"{what}: {text!r} is not a size; give e.g. 500 MB or 2 GB.")
     if match is not None and not (match[2] or match[3]) and 0.0 < size < _BYTES:
         raise InputError(f"{what}: {text!r} has no unit; give e.g. {match[1]} GB.")
     return round(size)

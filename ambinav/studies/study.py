@@ -93,6 +93,10 @@ class Study:
         """File name of the page."""
         return f"{self.stem}.html"
 
+    def page(self, output: Path | None) -> Path | None:
+        """Return the path of the page of a report in a folder; None: there is no folder."""
+        return None if output is None else output / self.html
+
     @property
     def markdown(self) -> str:
         """File name of the report as text."""
@@ -144,8 +148,7 @@ class Study:
 
         names = {name: f"{name}.{image_format}" for name in figures}
         for done, (name, figure) in enumerate(figures.items(), start=1):
-            with replacing(folder / names[name]) as fresh:
-                save_figure(figure(), fresh)
+            save_figure(figure(), folder / names[name])
             progress(done / len(figures))
         return names
 

@@ -61,7 +61,7 @@ class TaskSpec:
             Rewards for arriving and for missing the goal follow; None: these rules alone.
 
     Raises:
-        InputError: the name is no id with a namespace and a version.
+        InputError: the name is not an id with a namespace and a version.
     """
 
     name: str
@@ -74,6 +74,6 @@ class TaskSpec:
         """Check the name."""
         if not ID.fullmatch(self.name):
             raise InputError(
-                f"task {self.name!r}: the name is no id; give namespace, name and version, such as "
-                "mine/Doorway-v0."
+                f"task {self.name!r}: the name is not an id; give namespace, name and version, "
+                "such as mine/Doorway-v0."
             )

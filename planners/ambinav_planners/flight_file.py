@@ -123,8 +123,8 @@ def _message(path: Path) -> _Saved:
     content = document.get(MEMBER) if isinstance(document, dict) else None
     if not isinstance(content, dict) or not isinstance(content.get("points"), list):
         raise InputError(
-            f"{path}: {MEMBER}.points is missing, so this is no route through space; save one with "
-            "`ambinav plan --space r3`."
+            f"{path}: {MEMBER}.points is missing, so this is not a route through space; save one "
+            "with `ambinav plan --space r3`."
         )
     points = [
         checked(_Point, point, f"{path}: {MEMBER}.points[{i}]")

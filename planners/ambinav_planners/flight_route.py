@@ -15,7 +15,7 @@ import numpy as np
 from ambinav.routes.files import path_message
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing, write_text
+from ambinav.runtime.files import write_text
 from ambinav.service.volume_service import VolumeService
 
 FORMAT: Final = "ambinav-flight/1"
@@ -109,9 +109,8 @@ class FlightRoute:
         from ambinav.plotting.canvas import save_figure
         from ambinav.plotting.volumes import plot_volume
 
-        with replacing(Path(path)) as scratch:
-            figure = plot_volume(self.service.volume, layer or self.service.layer, self.points)
-            save_figure(figure, scratch)
+        figure = plot_volume(self.service.volume, layer or self.service.layer, self.points)
+        save_figure(figure, Path(path))
 
     def _rows(self) -> list[list[float]]:
         """Return a row of `COLUMNS` for each point."""

@@ -50,7 +50,7 @@ class OneWayLanes:
         for k, polygon in enumerate(polygons):
             sound = isinstance(polygon, shapely.Polygon | shapely.MultiPolygon) and polygon.is_valid
             if not sound or not polygon.area > 0.0:
-                raise InputError(f"polygons[{k}] is no valid polygon with an area; correct it.")
+                raise InputError(f"polygons[{k}] is not a valid polygon with an area; correct it.")
         try:
             angle = np.radians(np.asarray(degrees, dtype=np.float64))
         except (TypeError, ValueError):

@@ -319,7 +319,7 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
     with PLANNERS.calling(name):
         result = chosen.solve(problem, budget)
         if not isinstance(result, PlannerResult):
-            raise TypeError(f"it is no PlannerResult but {result!r}")
+            raise TypeError(f"it is not a PlannerResult but {result!r}")
     return replace(result, seconds=time.perf_counter() - started)
 
 

@@ -79,7 +79,10 @@ class Replanner:
     ) -> None:
         checker = robot.checker
         for reason, holds in (
-            ("is no disc in r2", checker.steering.space != "r2" or not checker.footprint.is_disc),
+            (
+                "is not a disc in r2",
+                checker.steering.space != "r2" or not checker.footprint.is_disc,
+            ),
             ("has a limit on bad metres", robot.limit is not None),
             ("has one-way lanes", robot.one_way is not None),
             ("follows a route graph", robot.priced_graph is not None),

@@ -139,5 +139,5 @@ def check_axes(si: ob.SpaceInformation, distance: Callable[[Any, Any], float]) -
                 f"a step of 1 along axis {axis} of the state space {space.getName()!r} is "
                 f"{metres:g} m by `pose` and `height`, so that informed planners would leave out "
                 "cheap paths; give `height`, a function from a state to its height in metres, or "
-                "put an axis that is no metre into a subspace of a CompoundStateSpace."
+                "put an axis that is not in metres into a subspace of a CompoundStateSpace."
             )

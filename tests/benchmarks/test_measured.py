@@ -45,7 +45,7 @@ def test_the_pages_agree_with_the_reports(measured: ModuleType) -> None:
 def test_a_figure_that_the_table_has_not_is_found(measured: ModuleType) -> None:
     page = "It takes **0.63 s**\n(0.59 to 0.79, extremes of 5 builds) or **9.99 s** (1 to 20)."
     assert measured.misses(page) == [
-        "measured.md: '9.99 s (1 to 20)' is no figure of measured-table.md"
+        "measured.md: '9.99 s (1 to 20)' is not a figure of measured-table.md"
     ]
 
 

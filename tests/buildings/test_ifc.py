@@ -219,9 +219,9 @@ EMPTY = (
     ("content", "said"),
     [
         ("", "the file is empty"),
-        ("PK\x03\x04", "this is no IFC file"),
+        ("PK\x03\x04", "this is not an IFC file"),
         (EMPTY.format(schema="IFC4"), "there is no IfcWall in it"),
-        (EMPTY.format(schema="AP214"), r"this is no IFC file \(Unsupported schema: AP214\)"),
+        (EMPTY.format(schema="AP214"), r"this is not an IFC file \(Unsupported schema: AP214\)"),
         (EMPTY.format(schema="IFC4")[:60], "this IFC file is cut off"),
     ],
 )

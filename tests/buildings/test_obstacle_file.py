@@ -49,7 +49,7 @@ LINE = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
 @pytest.mark.parametrize(
     ("one", "words"),
     [
-        (7, "no Feature"),
+        (7, "not a Feature"),
         (feature("pillar", POINT), "'pillar'; give post"),
         (feature("post", LINE, radius=1), "draw it as a Point"),
         (feature("wall", POINT, radius=1), "draw it as a LineString"),
@@ -61,7 +61,7 @@ LINE = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
         (feature("post", POINT, radius=0), "0.005 to 20"),
         (feature("post", POINT, radius=math.nan), "radius is nan"),
         (feature("post", POINT, radius=True), "radius is True"),
-        (feature("post", {"type": "Point", "coordinates": [1]}, radius=1), r"\[1\] is no point"),
+        (feature("post", {"type": "Point", "coordinates": [1]}, radius=1), r"\[1\] is not a point"),
         (feature("wall", LINE, thickness=-1), "thickness is -1"),
         (feature("post", POINT, radius=10**400), "radius is 1000"),
         (feature("wall", {"type": "LineString", "coordinates": [[0, 0]]}), "0 m long"),
@@ -77,5 +77,5 @@ def test_what_is_no_obstacle_is_refused(one: Any, words: str) -> None:
 
 @pytest.mark.parametrize("document", [None, [1], {"type": "FeatureCollection"}])
 def test_something_else_is_refused(document: Any) -> None:
-    with pytest.raises(InputError, match=r"drawn: it is no FeatureCollection"):
+    with pytest.raises(InputError, match=r"drawn: this is not a FeatureCollection"):
         obstacles_of(document, "drawn")

@@ -109,7 +109,7 @@ def test_what_is_shipped_is_in_the_registry() -> None:
             assert dict(TASKS.get(name).arguments) == IDS[name] == arguments_of_id(name)
     with pytest.raises(InputError, match="there is no task 'ambinav/Hal-v0'; did you mean"):
         TASKS.get("ambinav/Hal-v0")
-    with pytest.raises(InputError, match="task 'Hall': the name is no id"):
+    with pytest.raises(InputError, match="task 'Hall': the name is not an id"):
         TaskSpec(name="Hall", about="")
 
 

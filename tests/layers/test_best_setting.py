@@ -101,7 +101,7 @@ def test_what_a_scanner_cannot_have_is_refused() -> None:
     with pytest.raises(InputError, match="cannot have best_yaw: it looks all around"):
         chosen_layers(["best_yaw"], fan(360, 60))
     for scanner in (an.RangeScanner.ring(SONAR, 8, 0.2), an.RangeScanner.planar(LASER, 1, 0.0)):
-        with pytest.raises(InputError, match="cannot have best_aperture: it is no single planar"):
+        with pytest.raises(InputError, match="cannot have best_aperture: only a single planar fan"):
             chosen_layers(["best_aperture"], scanner)
     assert len(chosen_layers(["best_aperture"], fan(360, 60))) == 1
 

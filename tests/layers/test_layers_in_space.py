@@ -119,7 +119,7 @@ def test_expected_ranges_on_voxels_are_near_the_true_ones() -> None:
 @pytest.mark.parametrize(("layer", "scanner", "part"), [
     ("gfm", LIDAR, "gfm: it looks up and down, and hit points on floor"),
     ("wall_normals", LASER, "wall_normals: the building is in space, and the layer counts metres"),
-    ("best_aperture", LIDAR, "no single planar fan"),
+    ("best_aperture", LIDAR, "only a single planar fan"),
     ("localizability", RING, "localizability: the building is in space, and the layer is known"),
 ])  # fmt: skip
 def test_what_has_no_meaning_in_space_is_refused(

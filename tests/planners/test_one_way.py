@@ -179,5 +179,5 @@ def test_what_cannot_keep_lanes(demo: AmbiguityService) -> None:
         RoutePlanner(demo, one_way=OneWayLanes.of([shapely.box(0, 0, 45, 29)], [180.0])).plan(
             EAST, WEST
         )
-    with pytest.raises(InputError, match=r"polygons\[0\] is no valid polygon"):
+    with pytest.raises(InputError, match=r"polygons\[0\] is not a valid polygon"):
         OneWayLanes.of([shapely.LineString([(0, 0), (1, 0)])], [0.0])

@@ -177,7 +177,7 @@ def test_changed_costs_change_the_route(robot: RoutePlanner, demo: AmbiguityServ
 
 
 def test_what_a_replanner_is_not_for(robot: RoutePlanner, demo: AmbiguityService) -> None:
-    with pytest.raises(InputError, match="no disc in r2"):
+    with pytest.raises(InputError, match="not a disc in r2"):
         Replanner(RoutePlanner(demo, space="se2"), GOAL)
     with pytest.raises(InputError, match="limit on bad metres"):
         Replanner(RoutePlanner(demo, max_bad_metres=3.0), GOAL)

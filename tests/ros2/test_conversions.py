@@ -93,7 +93,7 @@ def test_yaw_is_that_of_the_rotation_matrix(roll, pitch, yaw, scale):
 
 @pytest.mark.parametrize("bad", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, math.nan, 1.0)])
 def test_no_rotation_is_refused(bad):
-    with pytest.raises(InputError, match="no rotation"):
+    with pytest.raises(InputError, match="not a rotation"):
         conversions.yaw_of(bad)
 
 

@@ -227,7 +227,7 @@ def test_other_endings_are_refused_before_anything_is_written(route, tmp_path):
     ("old", "new", "message"),
     [
         ('# planner: "by hand"\n', "", r"'planner' is missing"),
-        ("# seed: null", "# seed: soon", r"line 3: '# seed: soon' is no figure"),
+        ("# seed: null", "# seed: soon", r"line 3: '# seed: soon' is not a figure"),
         ("# seed: null", '# seed: "soon"', r"seed is 'soon'; it should be a valid integer"),
         ("# weight: 2.5", "# weight: -1", r"weight is -1; give a number of at least 0"),
         ("# weight: 2.5", "# weight: NaN", r"weight is nan; give a number of at least 0"),

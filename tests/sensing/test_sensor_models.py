@@ -72,7 +72,7 @@ def test_what_a_file_says_wrong(monkeypatch: pytest.MonkeyPatch, sensor: str, me
     ("broken", "message"),
     [
         (lambda radar: radar.nothing, r"failed \(AttributeError: 'Radar' object has no"),
-        (lambda radar: None, "what it gives cannot be used .it is no RangeSensor but None"),
+        (lambda radar: None, "what it gives cannot be used .it is not a RangeSensor but None"),
     ],
 )
 def test_a_broken_model(monkeypatch: pytest.MonkeyPatch, broken: Any, message: str) -> None:

@@ -91,11 +91,14 @@ def test_with_a_token_for_reading_alone_nobody_edits() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"public_url": "maps.example.org"}, "--public-url: 'maps.example.org' is no address"),
+        (
+            {"public_url": "maps.example.org"},
+            "--public-url: 'maps.example.org' is not the address of a page",
+        ),
         ({"public_url": "ftp://maps.example.org"}, "--public-url"),
         ({"public_url": "https://maps.example.org/?a=1"}, "--public-url"),
         ({"public_url": "https://[::1"}, "--public-url"),
-        ({"hosts": ("maps:8765",)}, "--allowed-host: 'maps:8765' is no name"),
+        ({"hosts": ("maps:8765",)}, "--allowed-host: 'maps:8765' is not a host name"),
         ({"hosts": ("https://maps",)}, "--allowed-host"),
         ({"hosts": ("",)}, "--allowed-host"),
         ({"token": "one", "read_token": "one"}, "--read-token: it is the same as --token"),

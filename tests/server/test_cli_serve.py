@@ -155,14 +155,14 @@ def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Pa
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--port", "70000"), "--port: 70000 is no port"),
-        (("--host", "no such host"), "--host: 'no such host' is no address"),
+        (("--port", "70000"), "--port: 70000 is not a valid port"),
+        (("--host", "no such host"), "--host: 'no such host' is not an address"),
         (("--host", "203.0.113.7"), "--host: '203.0.113.7' cannot be used to listen"),
         (("--token", ""), "--token"),
         (("--token", "tökén"), "--token"),
         (("--host", "0.0.0.0"), "give --token or --read-token, or --insecure"),
-        (("--trusted-proxy", "10.0.0.300"), "--trusted-proxy: '10.0.0.300' is no address"),
-        (("--public-url", "maps.example"), "--public-url: 'maps.example' is no address"),
+        (("--trusted-proxy", "10.0.0.300"), "--trusted-proxy: '10.0.0.300' is not an address"),
+        (("--public-url", "maps.example"), "--public-url: 'maps.example' is not the address"),
     ],
 )
 def test_options_that_cannot_be_are_named(

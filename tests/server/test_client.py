@@ -224,7 +224,7 @@ def _answer(status: str, body: object, *headers: str) -> bytes:
 def test_another_program_is_no_server(body: object) -> None:
     with (
         answering(_answer("200 OK", body)) as url,
-        pytest.raises(InputError, match="no ambinav server"),
+        pytest.raises(InputError, match="not an ambinav server"),
     ):
         an.Client(url)
 

@@ -136,7 +136,7 @@ def test_curves_are_rewarded_as_the_service_does(live: Live, corridor: an.Ambigu
         ("cost", '{"x": [1], "y": [1], "weight": -1}', 422, "weight"),
         ("cost", '{"x": [1], "y": [1], "weight": 1e300}', 422, "not finite"),
         ("cost", '{"x": [1], "y": [1], "layer": "levle"}', 422, "did you mean level"),
-        ("cost", '{"x": [1], "y": [1], "layer": "zone"}', 422, "no amount"),
+        ("cost", '{"x": [1], "y": [1], "layer": "zone"}', 422, "not an amount"),
         ("cost", '{"x": [1], "y": [1], "colour": 1}', 422, "colour"),
         ("level", '{"x": [1], "y": [1], "layer": "../level"}', 422, "no such layer"),
         ("reward", '{"x0": [1], "y0": [1], "x1": [1]}', 422, "y1"),

@@ -77,5 +77,5 @@ def test_a_small_number_needs_its_unit(text) -> None:
 @pytest.mark.parametrize("text", ["-1", "1 XB", "much", "1e9", "nan", "inf", "1,5 GB", "9" * 400])
 def test_no_sizes(text, monkeypatch) -> None:
     monkeypatch.setenv("AMBINAV_CACHE_LIMIT", text)
-    with pytest.raises(an.InputError, match=r"AMBINAV_CACHE_LIMIT: .* is no size; give e\.g\."):
+    with pytest.raises(an.InputError, match=r"AMBINAV_CACHE_LIMIT: .* is not a size; give e\.g\."):
         MapStore.of_user()

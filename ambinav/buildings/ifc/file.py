@@ -203,7 +203,7 @@ def _opened(path: Path) -> Any:
         return ifcopenshell.open(str(path))
     except (ifcopenshell.Error, OSError, RuntimeError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
-        raise InputError(f"{path}: this is no IFC file ({reason}); export it again.") from error
+        raise InputError(f"{path}: this is not an IFC file ({reason}); export it again.") from error
 
 
 @contextmanager

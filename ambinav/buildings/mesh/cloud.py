@@ -204,7 +204,7 @@ class _VoxelCounter:
         if len(self.code) > MOST_VOXELS:
             raise InputError(
                 f"{self.path}: its points lie in more than {MOST_VOXELS // 10**6} million voxels; "
-                "give larger ones with voxel, or, if its numbers are no metres, their unit."
+                "give larger ones with voxel, or, if its numbers are not metres, their unit."
             )
 
     def _check_span(self) -> None:

@@ -181,7 +181,9 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
             if _POINT.match(line):
                 break
             if b"\0" in line or len(line) > _LONGEST_LINE:
-                raise InputError(f"{path}: it is no text of numbers; give lines of x, y and z.")
+                raise InputError(
+                    f"{path}: this is not a text of numbers; give lines of x, y and z."
+                )
         else:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")
         separator = "," if b"," in line else ";" if b";" in line else None
@@ -251,7 +253,7 @@ def _lines(
                 raise cut_off(path, seen + bad, count) from error
             line = reprlib.repr(chunk[bad].decode("latin-1").strip())
             raise InputError(
-                f"{path}: after {seen + bad} points a line is no x, y and z, {line}; give numbers "
+                f"{path}: after {seen + bad} points a line is not x, y and z, {line}; give numbers "
                 "with decimal points."
             ) from error
         seen += len(rows)

@@ -141,10 +141,10 @@ def storey_height(mesh: Mesh) -> float:
 
 
 def check_upright(path: Path, mesh: Mesh) -> None:
-    """Raise `InputError` if an axis other than z has more level faces and less height.
+    """Check that no axis other than z has more level faces and less height.
 
     Raises:
-        InputError: there is one.
+        InputError: an axis has, so that it may be up.
     """
     size = np.ptp(mesh.bounds, axis=0)
     a, b, c = mesh.triangles.swapaxes(0, 1)

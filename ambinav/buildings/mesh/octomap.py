@@ -104,7 +104,7 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
     is_full = data.startswith(_FULL_MAGIC)
     if not (is_full or data.startswith(_MAGIC)) or not mark:
         raise InputError(
-            f"{path}: it is no OctoMap; give a .bt or .ot file, as `octree.writeBinary` and "
+            f"{path}: this is not an OctoMap; give a .bt or .ot file, as `octree.writeBinary` and "
             "`octree.write` make."
         )
     lines = [line.split(maxsplit=1) for line in head.decode("latin-1").splitlines()]

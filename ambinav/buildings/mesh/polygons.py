@@ -94,8 +94,8 @@ def _numbers(words: Sequence[bytes], path: Path, number: int) -> Sequence[float]
         x, y, z = map(float, words)
     except ValueError as error:
         raise InputError(
-            f"{path}: line {number} is no vertex ({b' '.join(words).decode('latin-1')}); export it "
-            "again."
+            f"{path}: line {number} is not a valid vertex ({b' '.join(words).decode('latin-1')}); "
+            "export it again."
         ) from error
     return x, y, z
 

@@ -298,7 +298,7 @@ def _check(
             )
         if not (solid.outline.is_valid and solid.outline.area > NO_AREA):
             raise InputError(
-                f"prisms: the outline of solid {i} is no sound polygon with an area; draw it "
+                f"prisms: the outline of solid {i} is not a valid polygon with an area; draw it "
                 "without crossings."
             )
     for name, value in (("floor", floor), ("ceiling", ceiling)):

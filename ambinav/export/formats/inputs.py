@@ -71,7 +71,7 @@ def check_in_bounds(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
     """Check that poses (N, 3) lie on the lattice of the map.
 
     Raises:
-        InputError: there is one; the message names the first.
+        InputError: a pose lies elsewhere; the message names the first.
     """
     xmin, ymin, xmax, ymax = amap.bounds
     x, y = poses[:, 0], poses[:, 1]
@@ -82,7 +82,7 @@ def check_on_floor(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
     """Check that poses (N, 3) lie on free cells of the map.
 
     Raises:
-        InputError: there is one; the message names the first.
+        InputError: a pose lies elsewhere; the message names the first.
     """
     check_in_bounds(amap, poses, path)
     x, y = poses[:, 0], poses[:, 1]

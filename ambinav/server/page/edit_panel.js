@@ -129,7 +129,7 @@ export class EditPanel {
     try {
       this.obstacles.replace(obstaclesOf(JSON.parse(await chosen.text())));
     } catch (problem) {
-      this.store.set({ trouble: problem instanceof SyntaxError ? `${chosen.name} is no JSON.` : problem.message });
+      this.store.set({ trouble: problem instanceof SyntaxError ? `${chosen.name} is not JSON.` : problem.message });
     }
     file.value = "";
   }

@@ -86,7 +86,7 @@ export function collectionOf(obstacles) {
 
 /** Obstacles of a FeatureCollection; an error says in a sentence what is wrong with it. */
 export function obstaclesOf(document) {
-  if (!Array.isArray(document?.features)) throw new Error("The file is no FeatureCollection of obstacles.");
+  if (!Array.isArray(document?.features)) throw new Error("The file is not a FeatureCollection of obstacles.");
   return document.features.map(({ properties, geometry } = {}, i) => {
     const kind = properties?.kind;
     const points = geometry?.type === "Point" ? [geometry.coordinates] : geometry?.coordinates;

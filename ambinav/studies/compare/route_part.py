@@ -65,7 +65,7 @@ class RoutePart(ConfigModel):
             raise InputError(f"kind is {plain.get('kind')!r}; {nearest(kind, KINDS)}")
         for key in plain:
             if key not in ("kind", "name", *ALLOWED_KEYS[kind]):
-                raise InputError(f"{key} is no key of a route of the kind {kind!r}; remove it")
+                raise InputError(f"{key} is not a key of a route of the kind {kind!r}; remove it")
         if kind in NEEDED and NEEDED[kind] not in plain:
             raise InputError(f"a route of the kind {kind!r} needs the key {NEEDED[kind]!r}; add it")
         return {"name": _default_name(kind, plain), **plain}

@@ -60,7 +60,7 @@ class Scenario(BuildingPart):
             for given in names:
                 if names.count(given) > 1:
                     raise InputError(
-                        f"{name}: {given!r} is there twice; give each a name of its own"
+                        f"{name}: {given!r} is given twice; give each a name of its own"
                     )
         self._check_pairs()
         try:

@@ -124,7 +124,7 @@ def parse_scenario(
     """
     if not isinstance(plain, Mapping):
         raise InputError(
-            f"{where}: it is no mapping of keys, such as `pairs: ...`; give a scenario."
+            f"{where}: this is not a mapping of keys, such as `pairs: ...`; give a scenario."
         )
     keys: dict[str, Any] = {"name": default_name, **plain}
     if isinstance(keys.get("pairs"), list):

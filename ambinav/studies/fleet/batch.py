@@ -33,8 +33,8 @@ class Batch:
         number, count = (int(part) for part in given.groups()) if given else (0, 0)
         if not 1 <= number <= count:
             raise InputError(
-                f"{option}: {text!r} is no part of a fleet; give its number, from 1, and how many "
-                "there are, e.g. 3/20."
+                f"{option}: {text!r} is not a part of a fleet; give its number, from 1, and how "
+                "many there are, e.g. 3/20."
             )
         return cls(number, count)
 

@@ -116,13 +116,13 @@ def _from_table(address: Address) -> Iterator[Site]:
         rows = [(table.line_num + bool(told), row) for row in table]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{address}: this is no CSV in UTF-8 ({error}); save it as such."
+            f"{address}: this is not CSV in UTF-8 ({error}); save it as such."
         ) from error
     for column in columns:
         if column not in COLUMNS:
             raise InputError(f"{address}: column {column!r}: {nearest(column, COLUMNS)}.")
         if columns.count(column) > 1:
-            raise InputError(f"{address}: the column {column} is there twice; leave one.")
+            raise InputError(f"{address}: the column {column} is given twice; leave one.")
     for column in COLUMNS[:2]:
         if column not in columns:
             raise InputError(
@@ -158,7 +158,7 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
             reading["height"] = float(reading["height"].replace(",", "."))
         except ValueError:
             raise InputError(
-                f"{where}: height {reading['height']!r} is no number; give metres, e.g. 0.3."
+                f"{where}: height {reading['height']!r} is not a number; give metres, e.g. 0.3."
             ) from None
     date = values.get("date", "")
     if date:
@@ -166,7 +166,7 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
             in_utc(date)
         except (ValueError, OverflowError):
             raise InputError(
-                f"{where}: date {date!r} is no ISO 8601 date; give e.g. 2026-05-31."
+                f"{where}: date {date!r} is not an ISO 8601 date; give e.g. 2026-05-31."
             ) from None
     return Site(name, folder, values["building"], date, values.get("scanner", ""), reading)
 

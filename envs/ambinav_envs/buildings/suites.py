@@ -107,7 +107,7 @@ class Suite:
         with SUITES.calling(self.name):
             environment = self.draw(variant, called)
             if not isinstance(environment, Environment):
-                raise TypeError(f"it is no Environment but {environment!r}")
+                raise TypeError(f"it is not an Environment but {environment!r}")
             if environment.name != called:
                 raise ValueError(f"it is called {environment.name!r}, not {called!r}")
         return environment

@@ -208,7 +208,7 @@ def _check_plain(env: gym.Env[Any, Any]) -> None:
         env.spec.to_json()
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"an argument of the environment is no plain value ({error}); Minari keeps it as "
+            f"an argument of the environment is not a plain value ({error}); Minari keeps it as "
             "JSON, so give numbers, texts and names of files."
         ) from None
 

@@ -204,13 +204,13 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
         raise InputError(f"{path}: it cannot be read ({error.strerror}).") from error
     except json.JSONDecodeError as error:
         raise InputError(
-            f"{path}, line {error.lineno}: this is no valid JSON; get the file again."
+            f"{path}, line {error.lineno}: this is not valid JSON; get the file again."
         ) from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         lacks = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
         raise InputError(
-            f"{path}: it is no submission ({lacks}); give a file that `ambinav benchmark --submit` "
-            "wrote."
+            f"{path}: this is not a submission ({lacks}); give a file that `ambinav benchmark "
+            "--submit` wrote."
         ) from error
     if reason is not None:
         warnings.warn(f"{path} was computed by {reason}.", InputWarning, stacklevel=2)

@@ -64,7 +64,8 @@ def read_archive(
         raise
     except UNREADABLE as error:
         raise InputError(
-            f"{path}: this is no policy file, or a damaged one ({error}); copy or train it again."
+            f"{path}: this is not a policy file, or a damaged one ({error}); copy or train it "
+            "again."
         ) from error
 
 
@@ -95,7 +96,7 @@ def _check_members(
     for member in members:
         name = member.filename
         if name in seen:
-            raise InputError(f"{path}: the member {name!r} is there twice; save the policy again.")
+            raise InputError(f"{path}: the member {name!r} is given twice; save the policy again.")
         seen.add(name)
         if name not in sizes and name not in unread:
             raise InputError(

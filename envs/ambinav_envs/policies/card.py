@@ -79,7 +79,7 @@ def parse_card(content: bytes) -> Card:
     try:
         plain = json.loads(content, parse_constant=_refused)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{CARD} is no JSON ({error}); train the policy again.") from error
+        raise InputError(f"{CARD} is not JSON ({error}); train the policy again.") from error
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise InputError(
             f"{CARD} is not of format {FORMAT}, which this version of ambinav reads; "
@@ -234,4 +234,4 @@ def _check(card: Card) -> None:
 
 
 def _refused(constant: str) -> None:
-    raise ValueError(f"{constant} is no number")
+    raise ValueError(f"{constant} is not a number")

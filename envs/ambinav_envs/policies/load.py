@@ -181,7 +181,7 @@ def _algorithm(path: Path) -> str:
             plain = json.loads(archive.read("data"))
         recurrent = plain.get("policy_class", {}).get("__module__") == _RECURRENT
     except (*UNREADABLE, AttributeError) as error:
-        raise InputError(f"{path}: this is no file of model.save; save it again.") from error
+        raise InputError(f"{path}: this is not a file of model.save; save it again.") from error
     for key, algorithm in _MARKS.items():
         if key in plain:
             return "RecurrentPPO" if recurrent else algorithm

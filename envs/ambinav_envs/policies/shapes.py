@@ -74,7 +74,7 @@ def space_of(plain: object) -> spaces.Space[Any]:
 
 def _box_of(plain: object, name: str) -> spaces.Box:
     if not isinstance(plain, Mapping) or set(plain) != {"size", "low", "high"}:
-        raise InputError(f"{name[:80]!r} is no row of numbers with size, low and high.")
+        raise InputError(f"{name[:80]!r} is not a row of numbers with size, low and high.")
     size = _size(plain["size"], name)
     low = _limits_of(plain["low"], size, -np.inf, name)
     high = _limits_of(plain["high"], size, np.inf, name)
@@ -98,7 +98,9 @@ def _limits_of(value: object, size: int, none: float, name: str) -> Floats32:
     for limit in values:
         number = isinstance(limit, int | float) and not isinstance(limit, bool)
         if limit is not None and not (number and -_GREATEST <= limit <= _GREATEST):
-            raise InputError(f"{name[:80]!r} has the limit {str(limit)[:80]}, which is no number.")
+            raise InputError(
+                f"{name[:80]!r} has the limit {str(limit)[:80]}, which is not a number."
+            )
     return np.array([none if limit is None else limit for limit in values], dtype=np.float32)
 
 

@@ -64,7 +64,7 @@ def test_refused(tmp_path: Path) -> None:
         (written(tmp_path / "res.bt", down, res="-1"), "res is '-1'"),
         (written(tmp_path / "word.bt", down, res="fine"), "res is 'fine'"),
         (written(tmp_path / "full.bt", [node(OCCUPIED)]), "a block of 32768 voxels of 0.1 m"),
-        (other, "it is no OctoMap"),
+        (other, "this is not an OctoMap"),
         (tmp_path / "missing.bt", "cannot be read"),
         (tmp_path, "cannot be read"),
     ):

@@ -249,7 +249,7 @@ def test_files_that_would_be_misread_are_refused(tmp_path: Path) -> None:
         ):
             read_mesh(obj)
     obj.write_text(whole.replace("v 4 6 2.5", "v 4 6"))
-    with pytest.raises(InputError, match=r"line 9 is no vertex \(4 6\)"):
+    with pytest.raises(InputError, match=r"line 9 is not a valid vertex \(4 6\)"):
         read_mesh(obj)
 
 

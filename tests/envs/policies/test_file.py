@@ -221,7 +221,7 @@ def of_another_kind(file: Path, out: Path) -> Path:
     ("spoil", "message"),
     [
         (broken, "damaged|cannot be read"),
-        (cut, "no policy file"),
+        (cut, "not a policy file"),
         (without_card, "ambinav.json is missing"),
         (of_format(FORMAT - 1), f"not of format {FORMAT}"),
         (of_format(FORMAT + 1), f"not of format {FORMAT}"),

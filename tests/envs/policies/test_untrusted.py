@@ -166,7 +166,7 @@ def test_a_member_that_is_there_twice(name: str, file: Path, tmp_path: Path) -> 
     path = written(tmp_path / "p.zip", members_of(file))
     with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
         archive.writestr(name, b"{}")
-    assert "is there twice" in refusal(path)
+    assert "is given twice" in refusal(path)
 
 
 @pytest.mark.slow

@@ -257,7 +257,7 @@ def _no_tasks(record: dict[str, Any]) -> None:
         (_no_policy, True, "policies contradicts the rest"),
         (_quick, True, "it is a quick trial and no submission"),
         (_other_version, True, "it is not of the benchmark v1 here"),
-        (_no_tasks, True, r"it is no submission \(tasks is missing\); give a file that"),
+        (_no_tasks, True, r"this is not a submission \(tasks is missing\); give a file that"),
     ],
 )
 def test_changes_are_refused(
@@ -276,7 +276,7 @@ def test_changes_are_refused(
 
 def test_what_is_cut_off_is_refused(frozen: FrozenBenchmark, tmp_path: Path) -> None:
     (tmp_path / "cut.json").write_text('{"format": 1,\n"quick": fal')
-    with pytest.raises(InputError, match=r"cut\.json, line 2: this is no valid JSON"):
+    with pytest.raises(InputError, match=r"cut\.json, line 2: this is not valid JSON"):
         read_submission(tmp_path / "cut.json", frozen)
 
 
@@ -378,7 +378,7 @@ def test_the_command(
         (["--submit", "a.json", "--policy", "vfh", "--seed", "1"], "--submit: the episodes of the"),
         (["--submit", "a.json", "--policy", "vfh", "people=3"], "--submit: the episodes of the"),
         (["--rerun", "a.json", "-o", "out"], "--rerun: the episodes of the benchmark are fixed"),
-        (["--rerun", "a.json", "--quick"], "--quick is no verification"),
+        (["--rerun", "a.json", "--quick"], "--quick cannot verify a submission"),
         (["--rerun", "a.json", "--submit", "b.json"], "--submit and --rerun are both given"),
         (["--secret", "a.json"], "--secret is for --submit, --rerun; leave it out"),
         (["--submit", "a.txt", "--policy", "vfh"], "ends in '.txt'"),

@@ -410,4 +410,4 @@ def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] is None
     status, _, err = run(*given, "--posts", "2", "--no-advice")
     assert status == 2
-    assert "--posts: 2 are advice; leave --no-advice out." in err
+    assert "--posts: posts are part of the advice, which --no-advice leaves out" in err

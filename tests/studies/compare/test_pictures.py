@@ -36,4 +36,7 @@ def test_only_our_own_pictures_are_replaced(name: str, ours: bool) -> None:
 def test_unknown_formats_are_one_sentence_and_status_2(arguments: tuple[str, ...]) -> None:
     result = CliRunner().invoke(app, [*arguments, "-o", "out", "--pictures", "gif"])
     assert result.exit_code == 2, result.output
-    assert result.stderr == "ambinav: error: --pictures: 'gif' is no format; give png or svg.\n"
+    assert (
+        result.stderr
+        == "ambinav: error: --pictures: 'gif' is not a picture format; give png or svg.\n"
+    )

@@ -241,13 +241,13 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "negative": (lambda p: p["robot"].update(radius=-1), "x.yaml: robot: radius is -1; give"),
     "unheard": (
         lambda p: p["routes"].append({"kind": "shortest", "weight": 1}),
-        "routes[2]: weight is no key of a route of the kind 'shortest'",
+        "routes[2]: weight is not a key of a route of the kind 'shortest'",
     ),
     "nameless planner": (
         lambda p: p["routes"].append({"kind": "planner"}),
         "needs the key 'planner'",
     ),
-    "twice": (lambda p: p["routes"].append("shortest"), "routes: 'shortest' is there twice"),
+    "twice": (lambda p: p["routes"].append("shortest"), "routes: 'shortest' is given twice"),
     "no pairs": (lambda p: p.pop("pairs"), "the key 'pairs' is missing; add it."),
     "empty pairs": (lambda p: p.update(pairs=[]), "pairs is []"),
     "no goal": (lambda p: p["pairs"][0].pop("goal"), "pairs[0]: the key 'goal' is missing"),

@@ -148,7 +148,7 @@ def test_two_scanners_in_one_building(folder):
         (("a.zarr", "b.zarr", "--start", "99", "99"), "99"),
         (("a.zarr", "b.zarr", "--fail-if", "open > 2 %"), "did you mean"),
         (("a.zarr", "b.zarr", "-o", "a.zarr"), "not of an earlier difference"),
-        (("a.zarr", "b.zarr", "--pictures", "gif"), "'gif' is no format"),
+        (("a.zarr", "b.zarr", "--pictures", "gif"), "'gif' is not a picture format"),
     ],
 )
 def test_bad_input_is_told_in_one_sentence(folder, arguments, message):

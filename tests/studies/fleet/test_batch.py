@@ -112,5 +112,5 @@ def test_a_file_system_without_locks_holds_nothing(
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "1/", "-1/3", "a/b", "1/2/3", "\u0661/\u0663"])
 def test_what_is_no_part_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"--batch: .* is no part of a fleet; give its number"):
+    with pytest.raises(InputError, match=r"--batch: .* is not a part of a fleet; give its number"):
         Batch.parse(text)

@@ -57,12 +57,12 @@ def test_a_table_gives_files_beside_it_and_options(tmp_path: Path) -> None:
         ("site,building\na//b,a.wkt\n", "cannot name a file"),
         ("site,building\n,a.wkt\n", "line 2: site is empty"),
         ("site,building\na\n", "line 2: it has not 2 values"),
-        ("site,building,height\na,a.wkt,low\n", "height 'low' is no number"),
+        ("site,building,height\na,a.wkt,low\n", "height 'low' is not a number"),
         ("site,building,doors\na,a.wkt,opne\n", "line 2: doors 'opne': did you mean open"),
         ("site,building,unit\na,a.wkt,miles\n", "line 2: unit 'miles': choose from cm, ft"),
-        ("site,building,date\na,a.wkt,May\n", "date 'May' is no ISO 8601 date"),
-        ("site,building,date\na,a.wkt,0001-01-01T00:00+14:00\n", "is no ISO 8601 date"),
-        ("site,building,site\na,a.wkt,b\n", "the column site is there twice"),
+        ("site,building,date\na,a.wkt,May\n", "date 'May' is not an ISO 8601 date"),
+        ("site,building,date\na,a.wkt,0001-01-01T00:00+14:00\n", "is not an ISO 8601 date"),
+        ("site,building,site\na,a.wkt,b\n", "the column site is given twice"),
     ],
 )
 def test_what_is_wrong_in_a_table_is_said(tmp_path: Path, text: str, said: str) -> None:

@@ -18,6 +18,7 @@ from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.array_types import Floats
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.beams.sample import rng_of
 
 ROBOTS: Final = 4
 """So few that the calling thread does it alone, whose processor time is taken: other work on the
@@ -146,11 +147,6 @@ def scan_information_of(
             deviations[number, column] = error.mean()
     full, few = deviations.mean(axis=0).tolist()
     return ScanInformation(full, few)
-
-
-def rng_of(env: Environment, seed: int, purpose: str) -> np.random.Generator:
-    """Return a generator for a building, the same whichever others there are."""
-    return np.random.default_rng([seed, *purpose.encode(), int(env.checksum[:16], 16)])
 
 
 def _poses(env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int) -> Floats:

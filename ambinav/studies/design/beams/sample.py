@@ -122,6 +122,11 @@ def _rated(sums: Floats, model: AmbiguityModel) -> tuple[Floats, Bytes]:
     return layers["level"], classify(layers["major"], layers["minor"], model.low, model.high)
 
 
+def rng_of(env: Environment, seed: int, purpose: str) -> np.random.Generator:
+    """Return a generator for a building, which depends on no other building."""
+    return np.random.default_rng([seed, *purpose.encode(), int(env.checksum[:16], 16)])
+
+
 def draw_samples(
     env: Environment,
     scanner: RangeScanner,

@@ -67,6 +67,15 @@ class ScanMask:
     masked: tuple[int, ...]
 
 
+def planar_lasers(scanner: RangeScanner) -> dict[int, Planar]:
+    """Return the fans of the parts that send LaserScan messages, by the number of their part."""
+    return {
+        number: part.layout
+        for number, part in enumerate(scanner.parts)
+        if isinstance(part.layout, Planar) and part.layout.beams > 1 and part.sensor.aperture == 0.0
+    }
+
+
 def scan_masks(
     scanner: RangeScanner,
     beams: Sequence[int],
@@ -88,12 +97,12 @@ def scan_masks(
     """
     kept = set(beams)
     masks: list[ScanMask] = []
+    lasers = planar_lasers(scanner)
     begin = 0
-    for part in scanner.parts:
-        layout = part.layout
-        count = len(layout.mounts())
-        if isinstance(layout, Planar) and count > 1 and part.sensor.aperture == 0.0:
-            number = len(masks)
+    for index, part in enumerate(scanner.parts):
+        count = len(part.layout.mounts())
+        if index in lasers:
+            layout, number = lasers[index], len(masks)
             frame = f"{FRAME}{number + 1 if number else ''}"
             own = np.array([begin + k not in kept for k in range(count)])
             first = -180.0 if layout.full_circle else -math.degrees(layout.aperture / 2)

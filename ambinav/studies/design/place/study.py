@@ -103,7 +103,9 @@ def checked_rules(
     """
     rules = rules.suited(environment)
     if count < 1:
-        raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")
+        raise InputError(
+            f"--{rules.kind}s: {count} is not a valid number of {rules.kind}s; give 1 or more."
+        )
     if rules.kind == "tag" and not len(scanner.intensity_beams):
         raise InputError(
             f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "

@@ -90,7 +90,7 @@ class Allowed:
             name, equals, number = (part.strip() for part in entry.partition("="))
             if name not in known and name not in SWITCHES:
                 offer = nearest(name, (*known, *SWITCHES))
-                raise InputError(f"{OPTION}: {name!r} is no change; {offer}.")
+                raise InputError(f"{OPTION}: {name!r} is not a change; {offer}.")
             if name in switches or known.get(name) in most:
                 raise InputError(f"{OPTION}: {name} is named twice; name it once.")
             if name in SWITCHES:
@@ -99,7 +99,7 @@ class Allowed:
                 switches.add(name)
                 continue
             if not number.isdecimal() or int(number) < 1:
-                given = f"{number!r} is no number" if equals else "a number is missing"
+                given = f"{number!r} is not a valid number" if equals else "a number is missing"
                 raise InputError(f"{OPTION}: {entry!r}: {given} of {name}; write {name}=4.")
             most[known[name]] = int(number)
         return cls(most, *(name in switches for name in SWITCHES))

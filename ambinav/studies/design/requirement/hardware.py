@@ -94,7 +94,7 @@ def hardware_options(
                 remarks.append(f"{listed} of {source} is the present scanner.")
             if allowed.second_scanner and turned(other) is None:
                 remarks.append(
-                    f"No second scanner {other.name}: it is no fan in a plane, which would be "
+                    f"No second scanner {other.name}: it is not a fan in a plane, which would be "
                     "turned by half a turn."
                 )
     options.sort(key=lambda option: option.cost)

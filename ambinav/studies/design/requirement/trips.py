@@ -108,7 +108,7 @@ def read_trips(path: str | Path) -> tuple[Trip, ...]:
         for name in trip:
             if name not in listed.places:
                 offer = nearest(name, tuple(listed.places))
-                raise InputError(f"{where}: {name!r} is no place; {offer}.")
+                raise InputError(f"{where}: {name!r} is not a place; {offer}.")
         if trip[0] == trip[1] or trip in known:
             problem = "leads nowhere" if trip[0] == trip[1] else "is listed twice"
             raise InputError(f"{where}: {trip[0]} to {trip[1]} {problem}; leave it out.")

@@ -105,7 +105,7 @@ def yaw_of(quaternion: Quaternion) -> float:
     squared = x * x + y * y + z * z + w * w
     if not (math.isfinite(squared) and squared > 1e-6):
         raise InputError(
-            f"orientation: ({x:g}, {y:g}, {z:g}, {w:g}) is no rotation; give a unit quaternion."
+            f"orientation: ({x:g}, {y:g}, {z:g}, {w:g}) is not a rotation; give a unit quaternion."
         )
     return math.atan2(2.0 * (w * z + x * y), squared - 2.0 * (y * y + z * z))
 

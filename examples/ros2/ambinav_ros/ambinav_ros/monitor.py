@@ -105,7 +105,7 @@ class Thresholds:
         for name in ("explained", "hysteresis"):
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
-                raise InputError(f"{name}: {value:g} is no share; give 0 or more, below 1.")
+                raise InputError(f"{name}: {value:g} is not a share; give 0 or more, below 1.")
 
 
 class Monitor:

@@ -145,9 +145,9 @@ def test_a_budget_below_everything_changes_nothing(folder) -> None:
     ("required", "may", "more", "said"),
     [
         ("bad < 5 %", "panels=2", (), "costs.yaml: --may allows a panel but the key 'panel'"),
-        ("bad < 5 %", "cones=2", (), "--may: 'cones' is no change"),
+        ("bad < 5 %", "cones=2", (), "--may: 'cones' is not a change"),
         ("bad < 5 %", "posts", (), "a number is missing of posts; write posts=4"),
-        ("bad < 5 %", "posts=0", (), "'0' is no number of posts"),
+        ("bad < 5 %", "posts=0", (), "'0' is not a valid number of posts"),
         ("bad < 5 %", "posts=1,posts=2", (), "named twice"),
         ("bad < 5 %", "scanner=2", (), "scanner has no number"),
         ("bad < 5 %", "posts=2", ("--keep-out", "all.wkt"), "off the --keep-out zones"),
@@ -223,7 +223,7 @@ def test_listed_scanners_that_cannot_be_used_are_said(folder) -> None:
     result = run("bad < 1 %", "--may", "scanner", "--may", "second-scanner", "--json")
     assert result.exit_code == 3, result.output
     remarks = " ".join(json.loads(result.stdout)["remarks"])
-    assert "No second scanner velodyne-vlp-16: it is no fan" in remarks
+    assert "No second scanner velodyne-vlp-16: it is not a fan" in remarks
     assert "laser.yaml of costs.yaml is the present scanner." in remarks
 
 

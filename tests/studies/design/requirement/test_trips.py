@@ -286,7 +286,7 @@ def test_trips_default_to_all_pairs(tmp_path) -> None:
     ("text", "said"),
     [
         ("places: {a: [0, 1]}", "name two places or more"),
-        ("places: {a: [0, 1], a: [2, 3], b: [4, 5]}", "the key 'a' stands there twice"),
+        ("places: {a: [0, 1], a: [2, 3], b: [4, 5]}", "the key 'a' is given twice"),
         ("places: {1: [0, 1], b: [2, 3]}", "put it in quotes"),
         ("places: {yes: [0, 1], b: [2, 3]}", "put it in quotes"),
         ("places: {'': [0, 1], b: [2, 3]}", "printable characters"),
@@ -294,7 +294,7 @@ def test_trips_default_to_all_pairs(tmp_path) -> None:
         ("{places: {a: [0, 1], b: [2, 3]}, trips: []}", "give a list of trips"),
         ("places: {a: [0, 1], b: [2]}", "give x and y in metres"),
         ("places: {a: [0, 1], b: [2, x]}", "b"),
-        ("{places: {a: [0, 1], b: [2, 3]}, trips: [[a, d]]}", r"trips\[0\]: 'd' is no place"),
+        ("{places: {a: [0, 1], b: [2, 3]}, trips: [[a, d]]}", r"trips\[0\]: 'd' is not a place"),
         ("{places: {a: [0, 1], b: [2, 3]}, trips: [[a, a]]}", r"a to a leads nowhere"),
         ("{places: {a: [0, 1], b: [2, 3]}, trips: [[a, b], [a, b]]}", "listed twice"),
         ("{places: {a: [0, 1], b: [2, 3]}, trips: [[a]]}", "names of two places"),

@@ -161,7 +161,7 @@ def test_json_is_all_that_is_printed(folder):
     assert result.exit_code == 0, result.output
     report = Document.model_validate_json(result.stdout)
     assert [one.name for one in report.scanners].count("rplidar-a1") == 1
-    assert "3 scanners are named, 2 of them different" in result.stderr
+    assert "3 scanners are given; 2 of them are different" in result.stderr
     assert report.routes is not None and not report.routes.sampled
     assert len(report.routes.points_m) == 1
 
@@ -175,14 +175,14 @@ def test_json_is_all_that_is_printed(folder):
         ((*TWO, "--seed", "-1"), "--seed: -1 is negative"),
         ((*TWO, "--odometry-scale", "-1"), "--odometry-scale: -1 is not zero or above"),
         ((*TWO, "--localizer-beams", "0"), "--localizer-beams: 0 is too few"),
-        ((*TWO, "--pictures", "gif"), "--pictures: 'gif' is no format"),
+        ((*TWO, "--pictures", "gif"), "--pictures: 'gif' is not a picture format"),
         ((*TWO, "--robot-radius", "0"), "--robot-radius: 0 is not above zero"),
         ((*TWO, "--robot-radius", "60"), "fits nowhere"),
         ((*TWO, "--spacing", "500"), "--spacing: 500 m is larger than the building"),
         ((*TWO, "--layers", "fischer"), "fischer"),
         ((*TWO, "--costs", "none.csv"), "none.csv: the file cannot be read"),
         ((*TWO, "--route", "none.csv"), "none.csv: the file cannot be read"),
-        ((*TWO, "--route", "plan.geojson"), "this is no route of ambinav"),
+        ((*TWO, "--route", "plan.geojson"), "this is not a route of ambinav"),
         ((*TWO, "-o", "plan.geojson"), "this is a file, not a folder"),
     ],
 )
