@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ambinav.cli.running import check_file
 from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.sensing.scanner import RangeScanner
 
 Point = tuple[float, float]
 
@@ -13,6 +20,37 @@ Point = tuple[float, float]
 def option_name(name: str) -> str:
     """Return the option of a field or a parameter."""
     return f"--{name.replace('_', '-')}"
+
+
+@contextlib.contextmanager
+def naming_options(*names: str, **options: str) -> Iterator[None]:
+    """Replace a parameter's name at the start of a message by that of its option.
+
+    Args:
+        names: Parameters whose options have their names.
+        options: Other options, by their parameters.
+    """
+    known = {name: option_name(name) for name in names} | options
+    try:
+        yield
+    except InputError as error:
+        name = re.match(r"\w*", str(error)).group()  # type: ignore[union-attr]
+        if name not in known:
+            raise
+        raise InputError(known[name] + str(error).removeprefix(name)) from error
+
+
+def check_planar(scanner: RangeScanner, what: str) -> None:
+    """Refuse a scanner that looks up or down where only plans are supported.
+
+    Raises:
+        InputError: it does.
+    """
+    if scanner.upright[:, 1].any():
+        raise InputError(
+            f"--scanner: {scanner.name!r} looks up or down, and {what} is known for plans alone; "
+            "give a scanner that looks in the plane."
+        )
 
 
 def conflict(option: str, given: bool, reason: str) -> None:

@@ -9,9 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import conflict
+from ambinav.cli.checks import check_planar, conflict
 from ambinav.cli.limits import Count, Natural
-from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
+from ambinav.cli.map_options import (
+    AmbiguityRadius,
+    BuildingOptions,
+    MapStd,
+    RobotRadius,
+    Spacing,
+    check_radius,
+)
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import check_report, progress_bars, reporting
@@ -53,11 +60,7 @@ class SampleOptions(RegionOptions):
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        if self.radius < self.spacing:
-            raise InputError(
-                f"--ambiguity-radius: {self.radius:g} m is less than the spacing of "
-                f"{self.spacing:g} m; give at least one spacing."
-            )
+        check_radius(self.radius, self.spacing)
         check_one(self.polygon, self.route)
         for option, given in (("--polygon", self.polygon), ("--route", self.route)):
             if given is not None and maps > 1:
@@ -150,6 +153,7 @@ def beams(
         check_report(STUDY, output, pictures)
         full = RangeScanner.load(scanner)
         messages.check(full)
+        check_planar(full, "the choice of beams")
         check_beams(full)
         import numpy as np
 

@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.checks import conflict
-from ambinav.cli.design_place import UNUSED_LAYERS, PositionOptions
+from ambinav.cli.design_place import UNUSED_LAYERS, SpacePositionOptions
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.gate import HOLDS
 from ambinav.cli.limits import not_negative
@@ -64,7 +64,7 @@ class RequirementOptions:
     keep_out: KeepOut = None
 
     def check(
-        self, required: str | None, obstacles: PositionOptions, forecasts: ForecastOptions
+        self, required: str | None, obstacles: SpacePositionOptions, forecasts: ForecastOptions
     ) -> Request:
         """Check the options, and read the files, before the map is made.
 
@@ -117,7 +117,7 @@ def requirement(
     scanner: options.Scanner,
     changes: RequirementOptions,
     output: options.ReportFolder = None,
-    obstacles: PositionOptions,
+    obstacles: SpacePositionOptions,
     building: BuildingOptions,
     map_options: MapOptions,
     space: SpaceOptions,

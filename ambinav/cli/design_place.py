@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import conflict
+from ambinav.cli.checks import conflict, naming_options
 from ambinav.cli.limits import Natural
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import finish, show, table
@@ -47,8 +47,6 @@ class PositionOptions:
         post_radius (M): Radius of a post, metres.
         width (M): Width of a panel or a tag, metres.
         min_passage (M): Passages at least this wide are not made narrower than this, metres.
-        bottom (M): Height of their lower edge above the floor, metres, in a building in space.
-        top (M): Height of their upper edge likewise. [default: the height of the building]
         where: Only on walls, or only free-standing. [default: both]
         candidates (N): Maximum number of candidate positions of a kind.
     """
@@ -58,8 +56,6 @@ class PositionOptions:
     post_radius: Annotated[float, typer.Option("--radius")] = 0.1
     width: float = 0.6
     min_passage: float = 0.9
-    bottom: float = 0.0
-    top: float | None = None
     where: Annotated[bool | None, typer.Option("--on-walls/--free-standing")] = None
     candidates: int = 200
 
@@ -96,22 +92,38 @@ class PositionOptions:
         """
         from ambinav.studies.design.place.candidates import PlaceRules
 
-        return PlaceRules(
-            kind=kind,
-            radius=self.post_radius,
-            width=self.width,
-            min_passage=self.min_passage,
-            on_walls=self.where is not False,
-            free_standing=self.where is not True,
-            reflective=scanner is not None and len(scanner.intensity_beams) > 0,
-            bottom=self.bottom,
-            top=self.top,
-            most=self.candidates,
-        )
+        with naming_options("radius", "width", "min_passage"):
+            return PlaceRules(
+                kind=kind,
+                radius=self.post_radius,
+                width=self.width,
+                min_passage=self.min_passage,
+                on_walls=self.where is not False,
+                free_standing=self.where is not True,
+                reflective=scanner is not None and len(scanner.intensity_beams) > 0,
+                most=self.candidates,
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleOptions(PositionOptions):
+class SpacePositionOptions(PositionOptions):
+    """Options on the size and heights of obstacles and on their positions.
+
+    Attributes:
+        bottom (M): Height of their lower edge above the floor, metres, in a building in space.
+        top (M): Height of their upper edge likewise. [default: the height of the building]
+    """
+
+    bottom: float = 0.0
+    top: float | None = None
+
+    def rules_of(self, kind: Kind, scanner: RangeScanner | None = None) -> PlaceRules:
+        """Return the placement rules, see `PositionOptions.rules_of`."""
+        return replace(super().rules_of(kind, scanner), bottom=self.bottom, top=self.top)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleOptions(SpacePositionOptions):
     """Options on the obstacles and their positions.
 
     Attributes:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.checks import conflict, option_name
+from ambinav.cli.checks import conflict, naming_options
 from ambinav.cli.design_place import (
     OBSTACLE_COLUMNS,
     UNUSED_LAYERS,
@@ -91,13 +91,10 @@ class NeedOptions:
         """
         from ambinav.layers.reflectors.views import ReflectorRules
 
-        try:
+        with naming_options(*(field.name for field in fields(ReflectorRules))):
             return ReflectorRules(
                 self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
             )
-        except InputError as error:  # names the field
-            name, _, rest = str(error).partition(" ")
-            raise InputError(f"{option_name(name)} {rest}") from None
 
 
 @options.documented

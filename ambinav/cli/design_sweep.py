@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import TYPE_CHECKING, Annotated, ClassVar, cast
 
 from ambinav.cli import options
-from ambinav.cli.limits import Natural
+from ambinav.cli.checks import conflict, naming_options
+from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import (
     AmbiguityRadius,
     BuildingOptions,
@@ -15,6 +16,7 @@ from ambinav.cli.map_options import (
     MapStd,
     ReachOptions,
     Spacing,
+    check_radius,
 )
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.region_options import RegionOptions, check_one
@@ -44,9 +46,25 @@ class SweptOptions(RegionOptions):
     PANEL: ClassVar[str] = "Region"
 
     heading: float | None = None
-    headings: int | None = None
+    headings: Annotated[int | None, at_least(1)] = None
     places: Natural = 1000
     seed: Natural = 0
+
+    def check(self) -> None:
+        """Refuse a heading that is none, a second choice of headings, and a seed without effect.
+
+        Raises:
+            InputError: one is given.
+        """
+        check_one(self.polygon, self.route)
+        if self.heading is not None and not math.isfinite(self.heading):
+            raise InputError(f"--heading: {self.heading} is not a heading; give degrees, e.g. 90.")
+        conflict(
+            "--headings",
+            self.headings is not None and self.heading is not None,
+            "is a number of headings, and --heading keeps one",
+        )
+        conflict("--seed", self.seed != 0 and self.places == 0, "has no effect on all places")
 
 
 @options.documented
@@ -86,24 +104,32 @@ def sweep(
     """
     with reporting():
         from ambinav.studies.design.sweep.document import document
+        from ambinav.studies.design.sweep.figures import CRITERIA
         from ambinav.studies.design.sweep.report import STUDY, write_report
         from ambinav.studies.design.sweep.sweep import sweep_scanner
         from ambinav.studies.design.sweep.vary import Variation
 
         map_options = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
+        check_radius(radius, spacing)
+        if by not in CRITERIA:
+            raise InputError(f"--by: {by!r} is unknown; choose from {', '.join(CRITERIA)}.")
+        where.check()
         space.check()
-        check_one(where.polygon, where.route)
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
                 "--robot-radius, --start: all floor of a route counts; leave them out with --route."
             )
         check_report(STUDY, output, pictures)
-        variations = [Variation.parse(text) for text in vary]
+        with naming_options("vary"):
+            variations = [Variation.parse(text) for text in vary]
         region = where.region()
         environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
-        with progress_bars(as_json) as bars:
+        with (
+            progress_bars(as_json) as bars,
+            naming_options("vary", "part", **{"from": "--start: from"}),
+        ):
             result = sweep_scanner(
                 environment,
                 chosen,

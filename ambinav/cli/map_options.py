@@ -11,7 +11,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import LAYER as BEACONS
-from ambinav.cli.checks import option_name
+from ambinav.cli.checks import naming_options, option_name
 from ambinav.cli.limits import above_zero, at_least, not_negative
 from ambinav.cli.running import note
 from ambinav.runtime.errors import InputError
@@ -146,6 +146,19 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
                     f"{option_name(field.name)}: {value!r} describes a plan; give it together with "
                     "--map."
                 )
+
+
+def check_radius(radius: float, spacing: float) -> None:
+    """Check that a neighbourhood has more than its centre, metres.
+
+    Raises:
+        InputError: its radius is less than the spacing.
+    """
+    if radius < spacing:
+        raise InputError(
+            f"--ambiguity-radius: {radius:g} m is less than the spacing of {spacing:g} m; give at "
+            "least one spacing."
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,4 +363,6 @@ class ReachOptions:
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 
-        return find_reach(environment, self.robot_radius or robot_radius(scanner), self.start)
+        radius = self.robot_radius or robot_radius(scanner)
+        with naming_options(**{"from": "--start: from"}):
+            return find_reach(environment, radius, self.start)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from ambinav.cli.checks import option_name
+from ambinav.cli.checks import naming_options
 from ambinav.cli.limits import above_zero, at_least
-from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -38,7 +35,7 @@ class HeightOptions:
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        with self._naming_options():
+        with naming_options(*(field.name for field in fields(self))):
             self.settings()
 
     def settings(self) -> SpaceSettings:
@@ -61,19 +58,8 @@ class HeightOptions:
         Raises:
             InputError: it cannot be used, or an option does not suit it.
         """
-        with self._naming_options():
+        with naming_options(*(field.name for field in fields(self))):
             return self.settings().load(path, scanner, robot_radius, **reading)
-
-    @contextlib.contextmanager
-    def _naming_options(self) -> Iterator[None]:
-        """Replace field names by option names in messages."""
-        try:
-            yield
-        except InputError as error:
-            name, _, remainder = str(error).partition(": ")
-            if name not in [field.name for field in fields(self)]:
-                raise
-            raise InputError(f"{option_name(name)}: {remainder}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
