@@ -115,7 +115,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `belief`    | score of the belief (nats) times seconds        | true | 0                     |
 
     The presets `shortest`, `fisher`, `error` and `belief` replace `ambiguity: 0.3` by 0,
-    `fisher: 1.5`, `error: 6` and `belief: 0.002`. In addition to the reward, `info["cost"]` is 1 in
+    `fisher: 1.5`, `error: 6` and `belief: 0.001`. In addition to the reward, `info["cost"]` is 1 in
     a step that ends in a collision plus 1 in a step in which the robot is lost, as in
     Safety-Gymnasium (`cost_collision`, `cost_lost`). A robot is lost if its error was above 0.5 m
     or 30 degrees for over a second.

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from ambinav_envs.rewards import OF_TIME, PRESETS
+
 TRUE_POSE: Final[dict[str, Any]] = {"localizer": "perfect"}
 """No localization error: policy, follower and rewards read the true pose."""
 NO_MAP: Final[dict[str, Any]] = {"ambiguity_seen": False}
@@ -18,17 +20,24 @@ in both is compared episode by episode. POPGym Arcade and POBAX pair tasks with 
 hidden state for the same reason.
 """
 
-BELIEF: Final[dict[str, Any]] = {"belief": True, "declare": ["arrived"], "reward": "belief"}
-"""The robot gives its own belief and is scored by that, and says when it has arrived."""
+BELIEF: Final[dict[str, Any]] = {"belief": True, "declare": ["arrived"]}
+"""The robot gives its own belief, and says when it has arrived."""
 
 
 def belief_ids_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return ids such as "ambinav/Office-Belief-v1" for some ids, with their arguments.
 
+    Their reward is that of the id, or the shortest route's, and the score of the belief.
+
     Args:
         ids: See `twins_of`.
     """
-    return _named(ids, {"Belief": BELIEF})
+    made = _named(ids, {"Belief": BELIEF})
+    for arguments in made.values():
+        own = arguments.get("reward")
+        base = own if isinstance(own, Mapping) else PRESETS["shortest"]
+        arguments["reward"] = {**base, "belief": OF_TIME * base["time"]}
+    return made
 
 
 def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -170,3 +170,29 @@ def test_belief_ids() -> None:
     parameters = env.unwrapped.simulation.parameters  # type: ignore[attr-defined]
     assert env.action_space.shape == (12,) and parameters.declare == ("arrived",)
     assert parameters.weights[-1] > 0.0
+
+
+def test_no_second_of_belief_earns_what_it_costs() -> None:
+    """Of the surest one that can be given, in a building of 100 x 100 m."""
+    sure = np.array([[0.0, 0, 0, -1, -1, -1, *signs] for signs in np.ndindex(3, 3, 3)])
+    sure[:, 6:] -= 1.0
+    _, covariances = as_beliefs(sure)
+    densities = 1.0 / np.sqrt((2.0 * math.pi) ** 3 * np.linalg.det(covariances))
+    most = math.log(float(densities.max()) * 1e4 * 2.0 * math.pi)
+    ids = [name for name in gym.registry if name.startswith("ambinav/") and "-Belief-" in name]
+    assert len(ids) > 8
+    for name in ids:
+        weights = gym.spec(name).kwargs["reward"]
+        assert 0.0 < most * weights["belief"] < weights["time"], name
+
+
+@pytest.mark.parametrize("name", ["Navigation", "TwinRooms1"])
+def test_nobody_is_paid_for_standing(name: str) -> None:
+    env = gym.make(f"ambinav/{name}-Belief-v1", buildings=1)
+    seen, _ = env.reset(seed=1)
+    total = 0.0
+    for _ in range(20):
+        belief = filter_belief({"uncertainty": seen["uncertainty"][None]})[0]
+        seen, reward, *_ = env.step(np.concatenate([[-1.0, 0.0, -1.0], belief]))
+        total += float(reward)
+    assert total < 0.0

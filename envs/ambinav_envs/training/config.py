@@ -125,8 +125,10 @@ class Training(ConfigModel):
         """Check conditions that involve several parts."""
         if self.steps is None and self.minutes is None:
             raise InputError("it has no end; give steps, minutes or both")
+        if "id" not in self.environment:
+            raise InputError("environment: the key id is missing; give e.g. id: ambinav/Office-v1")
         try:
-            spec_of(self.environment.get("id"))
+            spec_of(self.environment["id"])
         except InputError as error:
             raise InputError(f"environment: {str(error).rstrip('.')}") from error
         for key in (self.evaluation.environment or {}).keys() & {"id"}:
@@ -143,6 +145,10 @@ class Training(ConfigModel):
                 "of the training; let each be above the one before"
             )
         chosen = hyperparameters_of(self.algorithm, self.hyperparameters, self.envs)
+        if self.base is not None and self.environment.get("discrete"):
+            raise InputError(
+                f"base: {self.base} has continuous actions alone; drop discrete, or base"
+            )
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
         if "n_epochs" in chosen:

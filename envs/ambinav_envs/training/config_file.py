@@ -17,7 +17,9 @@ from ambinav.runtime.input_suggestions import TRAINING, kind_of, kind_of_path, r
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.file_arguments import with_absolute_files
+from ambinav_envs.policies.shapes import action_misfit, described, misfit
 from ambinav_envs.scenario import source_of
+from ambinav_envs.spaces import action_space, observation_space
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 
@@ -89,7 +91,7 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
             ),
         }
     )
-    sources = []
+    sources, spaces = [], []
     for name, arguments in (
         ("environment", config.arguments),
         ("evaluation.environment", config.judged),
@@ -97,6 +99,7 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
         try:
             source, parameters = source_of(arguments)
             sources.append(source)
+            spaces.append((observation_space(parameters), action_space(parameters)))
         except InputError as error:
             raise InputError(f"{where}: {name}: {error}") from error
         for i, stage in enumerate(config.curriculum):
@@ -105,6 +108,10 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
                     f"{where}: curriculum[{i}].longest is {stage.longest:g}; give more than the "
                     f"environment's shortest, {parameters.shortest:g}."
                 )
+    (seen, given), (judged_seen, judged_given) = spaces
+    why = misfit(described(seen), judged_seen) or action_misfit(described(given), judged_given)
+    if why is not None:
+        raise InputError(f"{where}: evaluation.environment does not fit that of training: {why}.")
     if config.arguments.get("map") is None and config.judged.get("map") is None:
         _check_apart(where, *sources)
     return config

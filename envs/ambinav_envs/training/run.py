@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 
-from ambinav.runtime.errors import InputWarning
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.files import holding_interrupts
 from ambinav_envs.arena import Arena
 from ambinav_envs.policies import ModelPolicy, Normalization, Policy, read_card, save_policy
@@ -110,11 +110,24 @@ class Run:
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
         given = config.given | config.judged_apart
         self._judged = Arena.of(config.environment["id"], given)
+        self._check_evaluation()
         self._longest = source_of(config.arguments)[1].longest
         self._last: Figures | None = None
         self._clock = time.perf_counter()
         self._whole = True
         self._begin(command)
+
+    def _check_evaluation(self) -> None:
+        """Begin the first episode of the evaluation, before hours are spent.
+
+        Raises:
+            InputError: the policy does not fit, or a building has no room for the task.
+        """
+        try:
+            self._judged.changed(max_steps=1).evaluate(self._policy, 1, self.config.evaluation.seed)
+        except InputError as error:
+            self.envs.close()
+            raise InputError(f"evaluation.environment: {error}") from error
 
     def _begin(self, command: Sequence[str]) -> None:
         """Write the files that exist before the first round."""
@@ -173,7 +186,7 @@ class Run:
                     self._whole = True
                 self._after_round(rate)
             return self._end()
-        except (KeyboardInterrupt, SystemExit):
+        except BaseException:
             # A second interrupt does not wait for the end of a round, whose beginning is lost.
             if self._whole:
                 self._checkpoint()
@@ -259,15 +272,19 @@ class Run:
     def _evaluate(self) -> Figures:
         """Evaluate the policy on fixed episodes; save it if it is the best."""
         chosen = self.config.evaluation
-        model, base = ModelPolicy(self.model, self._normalization), self.config.base
-        policy: Policy = model if base is None else CorrectedPolicy(model, base)
-        episodes = self._judged.evaluate(policy, chosen.episodes, chosen.seed)
+        episodes = self._judged.evaluate(self._policy, chosen.episodes, chosen.seed)
         figures = figures_of_evaluation(episodes)
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
             self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
             self._save(files.BEST, figures)
         self._schedule_next("evaluation")
         return figures
+
+    @property
+    def _policy(self) -> Policy:
+        """The policy as it is evaluated."""
+        model, base = ModelPolicy(self.model, self._normalization), self.config.base
+        return model if base is None else CorrectedPolicy(model, base)
 
     @property
     def _normalization(self) -> Normalization | None:

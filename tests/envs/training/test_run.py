@@ -248,8 +248,34 @@ def test_what_cannot_begin_or_go_on_is_refused(whole: Path, tmp_path: Path) -> N
     refused(tiny(seed=4), whole, True, "seed is 4 and was 3")
     other = tiny(hyperparameters=TINY["hyperparameters"] | {"gamma": 0.9})
     refused(other, whole, True, r"hyperparameters.gamma is 0.9 and was 0.99")
+    far = {"first_building": 2, "buildings": 1, "shortest": 100.0, "longest": 120.0}
+    judged = tiny(evaluation={"episodes": 2, "environment": far})
+    refused(judged, tmp_path / "far", False, r"evaluation\.environment: hall-2: no start and goal")
+    assert not (tmp_path / "far" / "config.yaml").exists()
     (tmp_path / "file").write_text("")
     refused(tiny(), tmp_path / "file", False, "this is a file, not a folder")
+
+
+def test_what_is_finished_is_finished_again_with_the_same_bytes(
+    whole: Path, tmp_path: Path
+) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(whole, again)
+    train(load_training_config(again / "config.yaml"), again, resume=True)
+    for name in ("final.zip", "best.zip", "progress.csv"):
+        assert (again / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+@pytest.mark.slow
+def test_what_fails_late_leaves_a_checkpoint(tmp_path: Path) -> None:
+    def fails(status: TrainingStatus) -> None:
+        if status.steps >= 256:
+            raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space left"):
+        train(tiny(), tmp_path / "run", callback=fails)
+    (last,) = checkpoints(tmp_path / "run" / "checkpoints")
+    assert last.name.endswith("256")
 
 
 def test_the_best_one_is_that_of_the_file(whole: Path, tmp_path: Path) -> None:

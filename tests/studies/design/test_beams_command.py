@@ -104,6 +104,8 @@ def test_a_route_counts_at_its_headings(folder: Path) -> None:
         (("--places", "9000000"), "give at most"),
         (("--ambiguity-radius", "0.1"), "at least one spacing"),
         (("--angle-min", "720"), "--angle-min: 720 is out of range"),
+        (("--frame", "a", "--frame", "a", "--frame", "a", "--frame", "a"), "there are 4 names"),
+        (("-s", "velodyne-vlp-16"), "--scanner: 'velodyne-vlp-16' looks up or down"),
         (("--polygon", "a.wkt", "--route", "b.csv"), "give one of the two"),
         (("plan.geojson", "--route", "b.csv"), "lies in one building, but 2 maps are given"),
         (("--polygon", "a.wkt"), "a.wkt"),
@@ -122,3 +124,37 @@ def test_bad_input_is_one_sentence(folder: Path, arguments: tuple[str, ...], sen
     assert line.startswith("ambinav: error: ")
     assert sentence in line
     assert not (folder / "out").exists()
+
+
+def test_the_order_of_the_maps_does_not_matter(folder: Path) -> None:
+    (folder / "hall.wkt").write_text("POLYGON((0 0, 9 0, 9 7, 5 7, 5 4, 0 4, 0 0))")
+    reports = []
+    for maps in (("plan.geojson", "hall.wkt"), ("hall.wkt", "plan.geojson")):
+        words = (*maps, "-s", "scanner.yaml", "-o", "out", "--loss", "20", *QUICK, "--json")
+        result = run(*words)
+        assert result.exit_code == 0, result.output
+        reports.append(json.loads(result.stdout))
+    first, second = reports
+    assert first["chosen"] == second["chosen"]
+    assert first["information"] == pytest.approx(second["information"])
+    assert first["maps"] == second["maps"][::-1]
+
+
+def test_rougher_walls_leave_the_position_less_certain(folder: Path) -> None:
+    deviations = []
+    for std in ("0.02", "0.3"):
+        words = (
+            "plan.geojson",
+            "-s",
+            "scanner.yaml",
+            "-o",
+            "out",
+            "--loss",
+            "20",
+            *QUICK,
+            "--json",
+        )
+        result = run(*words, "--map-std", std)
+        assert result.exit_code == 0, result.output
+        deviations.append(json.loads(result.stdout)["information"]["all_m"])
+    assert deviations[0] < deviations[1]

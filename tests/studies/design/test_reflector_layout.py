@@ -191,7 +191,9 @@ def test_the_command_writes_a_layout_that_is_read_again(tmp_path, monkeypatch) -
     for more, message in (
         (["--tags", "2", "--posts", "2"], "give one"),
         (["--tags", "0"], "give 1 or more"),
-        (["--needed", "1"], "one reflector fixes no position"),
+        (["--needed", "1"], "--needed is 1; give 2 or more: one reflector fixes no position"),
+        (["--posts", "2", "--radius", "nan"], "--radius is nan"),
+        (["--bottom", "1"], "No such option"),
         (["--tags", "2", "--free-standing"], "a tag is flat on a wall"),
     ):
         refused = CliRunner().invoke(app, [*words, *more])

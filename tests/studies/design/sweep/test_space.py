@@ -14,6 +14,7 @@ from ambinav.ambiguity import panorama
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.extrude import extruded
+from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.region import Region
 from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
@@ -54,6 +55,9 @@ def check_against_maps(env: an.Environment, found: SweepResult) -> None:
             if found.region.kind == "route" and headings:
                 expected = np.take_along_axis(expected, levels.places.heading[:, None], axis=1)
             expected = np.broadcast_to(expected, values.shape)
+            if layer == "zone" and values.shape[1] > 1 and "zone_mean" in data:
+                mean = data["zone_mean"].values[y, x][:, None]
+                expected = np.where(np.isfinite(levels.level[row]), mean, NOT_FREE)
             np.testing.assert_allclose(values, expected, atol=1e-6, err_msg=str(outcome.setting))
 
 

@@ -54,6 +54,23 @@ def test_settings_are_the_maps_of_their_scanners() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("headings", [None, 5])
+def test_zones_are_those_of_the_audit(headings: int | None) -> None:
+    """Of scanners that do not look all around, in the mean over headings."""
+    env = scenes.scene(5, size=6.0, blocks=4, thin=2)
+    swept = sweep_scanner(
+        env, FAN, ["aperture=40,90,200"], places=0, criterion="bad", headings=headings
+    )
+    bad = []
+    for outcome in (*swept.outcomes, swept.present):
+        amap = an.build_map(env, outcome.setting.scanner, headings=headings, store=False)
+        shares = [part.share for part in amap.zone_shares("mean", counted(env, FAN))]
+        assert list(outcome.figures.zones.values()) == pytest.approx(shares, abs=1e-6)
+        bad.append(outcome.figures.bad)
+    assert min(bad) < 0.5 < max(bad)
+
+
+@pytest.mark.slow
 def test_a_setting_that_looks_all_around_is_the_map_without_headings() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
     found = sweep_scanner(env, FAN, ["aperture=90,360"], places=0)
