@@ -48,6 +48,9 @@ def test_a_number_of_threads_that_numba_refuses(
         ("ambinav audit --scanner hokuyo-urg", "hokuyo-urg-04lx"),
         ("ambinav plan --planner bel", "belief-roadmap"),
         ("ambinav plan --start-", "--start-heading"),
+        ("ambinav plan --localizer am", "amcl"),
+        ("ambinav plan --odometry po", "poor"),
+        ("ambinav export --to nav2-k", "nav2-keepout"),
     ],
 )
 def test_shells_complete(begun: str, offered: str) -> None:

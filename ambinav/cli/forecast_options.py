@@ -65,6 +65,14 @@ class ForecastOptions:
             option_name(each.name) for each in fields(self) if getattr(self, each.name) is not None
         ]
 
+    @property
+    def _localizer(self) -> str:
+        return LOCALIZER if self.localizer is None else self.localizer
+
+    @property
+    def _odometry(self) -> str:
+        return ODOMETRY if self.odometry is None else self.odometry
+
     def check(self) -> None:
         """Refuse names that are unknown, before a map is opened.
 
@@ -75,8 +83,8 @@ class ForecastOptions:
         from ambinav.forecasting.localizer_class import LocalizerClass
 
         for option, check, value in (
-            ("--localizer", LocalizerClass.load, self.localizer or LOCALIZER),
-            ("--odometry", odometry_of, self.odometry or ODOMETRY),
+            ("--localizer", LocalizerClass.load, self._localizer),
+            ("--odometry", odometry_of, self._odometry),
         ):
             try:
                 check(value)
@@ -91,7 +99,7 @@ class ForecastOptions:
         """
         from ambinav.forecasting.localizer_class import LocalizerClass
 
-        localizer = LocalizerClass.load(self.localizer or LOCALIZER)
+        localizer = LocalizerClass.load(self._localizer)
         if localizer.runs_command:
             raise InputError(
                 f"--localizer: drives of {localizer.title} would run a program with your rights; "
@@ -110,7 +118,7 @@ class ForecastOptions:
         """
         from ambinav.forecasting.forecast import Forecaster
 
-        which = {"odometry": self.odometry or ODOMETRY, "localizer": self.localizer or LOCALIZER}
+        which = {"odometry": self._odometry, "localizer": self._localizer}
         limits: dict[str, Any] = {
             "position_limit": self.position_limit,
             "lateral_limit": self.lateral_limit,

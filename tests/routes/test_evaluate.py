@@ -168,7 +168,7 @@ def test_what_the_planner_knows_is_kept(service):
         ([(1.0, 1.0, 0.0), (math.nan, 1.0, 0.0)], {}, r"poses\[1\]"),
         ([(1.0, 1.0, 0.0), (90.0, 1.0, 0.0)], {}, r"poses\[1\] is at \(90, 1\) m, outside"),
         (THROUGH, {"covariances": np.eye(3)}, r"shape \(3, 3\)"),
-        (THROUGH, {"covariances": np.full((2, 3, 3), math.inf)}, "not finite"),
+        (THROUGH, {"covariances": np.full((2, 3, 3), math.inf)}, "covariances must be finite"),
         (THROUGH, {"covariances": np.triu(np.ones((2, 3, 3)))}, "not symmetric"),
     ],
 )
