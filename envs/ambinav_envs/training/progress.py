@@ -64,7 +64,9 @@ def _number(text: str) -> float | None:
 
 def _texts(row: Row) -> dict[str, str]:
     return {
-        name: "" if value is None or not math.isfinite(value) else repr(float(value))
+        name: ""
+        if value is None or not math.isfinite(value)
+        else repr(float(value)).removesuffix(".0")
         for name, value in row.items()
         if name not in ("steps", "seconds")
     } | {name: f"{row[name] or 0.0:.12g}" for name in ("steps", "seconds")}

@@ -143,7 +143,7 @@ def place_levels(
                 level[views[i].scanner][cells] = levels[:, None]
                 zone[views[i].scanner][cells] = zones[:, None]
                 summed = len(views[i].headings) * np.stack([major, minor])
-                radii[:, views[i].scanner, here[at]] += summed
+                radii[:, views[i].scanner, here[at]] += np.nan_to_num(summed)
             done += len(at) * len(numbers) / (len(places) * len(views))
             progress(min(done, 1.0))
     if shape[2] > 1:

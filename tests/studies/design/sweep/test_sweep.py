@@ -67,7 +67,7 @@ def test_zones_are_those_of_the_audit(headings: int | None) -> None:
         shares = [part.share for part in amap.zone_shares("mean", counted(env, FAN))]
         assert list(outcome.figures.zones.values()) == pytest.approx(shares, abs=1e-6)
         bad.append(outcome.figures.bad)
-    assert min(bad) < 0.5 < max(bad)
+    assert min(bad) == 0.0 and max(bad) > 0.4
 
 
 @pytest.mark.slow
