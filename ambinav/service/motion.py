@@ -17,6 +17,9 @@ from ambinav.runtime.threads import run_rows
 POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
 
+# Headings beyond so many radians are reduced to one turn.
+_MANY_TURNS = 1e3
+
 
 @kernel(inline="always")
 def next_crossing(u, rate):
@@ -53,6 +56,8 @@ def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse
         return length * _mean_on_floor(u, v, du, dv, values)
     per_turn = headings / (2.0 * math.pi)
     turn = (theta1 - theta0 + math.pi) % (2.0 * math.pi) - math.pi
+    if abs(theta0) > _MANY_TURNS:  # steps from heading to heading would be lost in its rounding
+        theta0 %= 2.0 * math.pi
     return length * _mean_turning(u, v, theta0 * per_turn, du, dv, turn * per_turn, values)
 
 

@@ -23,9 +23,11 @@ HeightOf = Callable[[Any], float]
 
 # No step along a motion turns by more than this, radians.
 MOST_TURN = 0.2
-# A step is halved, so often at the most, while its two halves are longer than it by this share,
-# and by this share of the lattice's spacing: where the motion bends, or turns back on itself.
+# A step is halved, so often at the most, while its two halves are longer than it by this share and
+# this share of the lattice's spacing, or differ by as much: where the motion bends or turns back.
 HALVINGS, LONGER, LEAST = 8, 1e-3, 1e-6
+# A motion has at least so many steps; one that is not straight at even speed, so many.
+FEWEST, FEWEST_BENT = 4, 8
 # Columns of a position in poses with a height.
 PLACE = [0, 1, 3]
 # A piece of a motion whose shadow is a smaller share of its length goes straight up or down.
@@ -108,15 +110,20 @@ class SpaceMotions:
             InputError: the motion jumps: however finely it is divided, a step stays too long.
         """
         first, last = self._point(a), self._point(b)
-        count = max(self._steps(np.array([first, last])), 1)
+        count = max(self._steps(np.array([first, last])), FEWEST)
         while count <= MOST_STEPS:
             shares = np.arange(count + 1) / count
             inner = [self._at(a, b, share) for share in shares[1:-1].tolist()]
             poses = np.array([first, *inner, last])
             needed = self._steps(poses)
-            if needed <= 1:
+            if needed > 1:
+                count *= needed
+            elif self._is_even(shares, poses):
+                return poses
+            elif count < FEWEST_BENT:
+                count = FEWEST_BENT
+            else:
                 return self._refined(a, b, shares, poses)
-            count *= needed
         raise InputError(
             f"a motion in the state space {self._space.getName()!r} jumps from pose to pose; its "
             "cost cannot be integrated."
@@ -140,6 +147,12 @@ class SpaceMotions:
             mean[i] = self._density.near(*poses[i, :3].tolist())
         return float(mean @ length)
 
+    def _is_even(self, shares: Floats, poses: Floats) -> bool:
+        """Return whether a motion goes straight on at an even speed, as far as its poses tell."""
+        places = poses[:, PLACE]
+        straight = places[0] + shares[:, None] * (places[-1] - places[0])
+        return bool(np.abs(places - straight).max() <= LEAST * self._step)
+
     def _refined(self, a: Any, b: Any, shares: Floats, poses: Floats) -> Floats:
         """Return the poses with more of them where the motion bends or reverses, as a car's may."""
         flagged = np.arange(len(poses) - 1)
@@ -149,8 +162,13 @@ class SpaceMotions:
             first, last = poses[flagged][:, PLACE], poses[flagged + 1][:, PLACE]
             middles = between[:, PLACE]
             chord = np.linalg.norm(last - first, axis=1)
-            over = np.linalg.norm(middles - first, axis=1) + np.linalg.norm(last - middles, axis=1)
-            longer = over - chord > LONGER * over + LEAST * self._step
+            here = np.linalg.norm(middles - first, axis=1)
+            there = np.linalg.norm(last - middles, axis=1)
+            over = here + there
+            # Who turns back near an end of a step has its middle on the chord, but not in the
+            # middle of it.
+            most = LONGER * over + LEAST * self._step
+            longer = (over - chord > most) | (np.abs(here - there) > most)
             shares = np.insert(shares, flagged + 1, middle)
             poses = np.insert(poses, flagged + 1, between, axis=0)
             # Each middle has moved by those inserted before it, and both its sides are in question.

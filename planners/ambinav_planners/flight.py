@@ -23,6 +23,7 @@ from ambinav.service.motion import integral_in_space
 from ambinav.service.volume_service import VolumeService
 from ambinav_planners.flight_route import FlightRoute
 from ambinav_planners.improve.shortcuts import shortened
+from ambinav_planners.objective import as_cost
 from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
 from ambinav_planners.planning import NotFoundError
 from ambinav_planners.registry import UNLIMITED, Budget, planner
@@ -63,16 +64,16 @@ class FlightObjective(ob.PathLengthOptimizationObjective):
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost per metre at a state; in walls that of the nearest free point."""
-        return ob.Cost(self.service.near(state[0], state[1], state[2]))
+        return as_cost(self.service.near(state[0], state[1], state[2]))
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost of a motion, metres-equivalent."""
-        cost = self._integral(a[0], a[1], a[2], b[0], b[1], b[2], *self._field)
-        return ob.Cost(math.inf if math.isnan(cost) else cost)
+        return as_cost(self._integral(a[0], a[1], a[2], b[0], b[1], b[2], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return a lower bound of the cost from a to b: the line at the volume's lowest price."""
-        return ob.Cost(self._least * math.dist((a[0], a[1], a[2]), (b[0], b[1], b[2])))
+        least = self._least * math.dist((a[0], a[1], a[2]), (b[0], b[1], b[2]))
+        return as_cost(least, 0.0)
 
     def motionCostBestEstimate(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost itself: one kernel call is cheap."""

@@ -24,9 +24,9 @@ Cost = ob.Cost
 MotionCost = Callable[[Any, Any], ob.Cost]
 
 
-def _cost(value: float) -> ob.Cost:
-    """Return a cost as OMPL's; that of a state that is no number is infinite."""
-    return Cost(math.inf if math.isnan(value) else value)
+def as_cost(value: float, unknown: float = math.inf) -> ob.Cost:
+    """Return a cost as OMPL's; `unknown` for that of a state that is not a number."""
+    return Cost(unknown if math.isnan(value) else value)
 
 
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
@@ -96,7 +96,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             self._any = space_motions = SpaceMotions(si, service, pose, height)
             check_axes(si, space_motions.distance)
             self._with_heading = False
-            self._motion_cost: MotionCost = lambda a, b: _cost(space_motions.cost(a, b))
+            self._motion_cost: MotionCost = lambda a, b: as_cost(space_motions.cost(a, b))
         elif height is not None:
             raise InputError("height is given without pose; give both.")
         else:
@@ -122,7 +122,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost per metre at a state; in walls that of the nearest free point."""
         x, y, theta = self._pose(state)
-        return _cost(self.service.density.near(x, y, theta))
+        return as_cost(self.service.density.near(x, y, theta))
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost of a motion, metres-equivalent."""
@@ -131,10 +131,10 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return a lower bound of the cost from a to b: the line at the map's lowest price."""
         if self._any is not None:
-            return Cost(self._least * self._any.distance(a, b))
+            return as_cost(self._least * self._any.distance(a, b), 0.0)
         if self._with_heading:
-            return Cost(self._least * math.hypot(b.getX() - a.getX(), b.getY() - a.getY()))
-        return Cost(self._least * math.hypot(b[0] - a[0], b[1] - a[1]))
+            return as_cost(self._least * math.hypot(b.getX() - a.getX(), b.getY() - a.getY()), 0.0)
+        return as_cost(self._least * math.hypot(b[0] - a[0], b[1] - a[1]), 0.0)
 
     def motionCostBestEstimate(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost itself: one kernel call is cheap."""

@@ -52,7 +52,9 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
     simple.setStateValidityChecker(FootprintStateValidity(si, problem.checker))
     si.setStateValidityCheckingResolution(CHECK_STEP / space.getMaximumExtent())
     si.setMotionValidator(
-        FootprintMotionValidator(si, problem.checker) if validator is None else validator(si)
+        FootprintMotionValidator(si, problem.checker, both=False)
+        if validator is None
+        else validator(si)
     )
     si.setup()
     objective = AmbiguityObjective(si, problem.service, steering=problem.steering)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 from ompl import base as ob
 
 from ambinav.geometry.motion.steering import Steering
-from ambinav.runtime.array_types import Bounds, Pose
+from ambinav.runtime.array_types import Bounds, Floats, Pose
 from ambinav.runtime.errors import InputError
 
 
@@ -106,38 +108,60 @@ def write_pose(state: Any, pose: Pose, with_heading: bool) -> None:
 
 
 def check_axes(si: ob.SpaceInformation, distance: Callable[[Any, Any], float]) -> None:
-    """Check that no axis of a space of three or more dimensions is longer than the metres on it.
+    """Check that a step of 1 along the axes of a space is at least a metre.
 
-    OMPL's informed samplers look no further than the space's own distance, and serve vectors and
-    poses alone; they refuse compound spaces.
+    OMPL's informed planners look no further than the space's own distance; its samplers serve
+    vectors and poses alone, and refuse compound spaces.
 
     Args:
-        si: Space information; only RealVectorStateSpaces and SE3StateSpaces are checked.
+        si: Space information; RealVectorStateSpaces, SE3StateSpaces and those over SE(2) are
+            checked.
         distance: Metres between two states, which the cost is at least.
 
     Raises:
-        InputError: a step of 1 along an axis is shorter than that in metres.
+        InputError: a step of 1 along an axis, or between two axes, is shorter in metres.
     """
     space = si.getStateSpace()
-    posed = isinstance(space, ob.SE3StateSpace)
-    if not posed and not (isinstance(space, ob.RealVectorStateSpace) and space.getDimension() > 2):
+    if isinstance(space, ob.SE3StateSpace):
+        count = 3
+    elif isinstance(space, ob.SE2StateSpace):
+        count = 2
+    elif isinstance(space, ob.RealVectorStateSpace):
+        count = space.getDimension()
+    else:
         return
-    count = 3 if posed else space.getDimension()
     a, b = si.allocState(), si.allocState()
-    for axis in range(count):
-        for state, step in ((a, 0.0), (b, 1.0)):
-            values = [step if i == axis else 0.0 for i in range(count)]
-            if posed:
-                state.setXYZ(*values)
-                state.rotation().setIdentity()
-            else:
-                for i, value in enumerate(values):
-                    state[i] = value
+    _set_place(space, a, np.zeros(count))
+    for step in _unit_steps(count):
+        _set_place(space, b, step)
         metres = distance(a, b)
         if not metres >= 1.0 - 1e-9:
+            along = " and ".join(map(str, np.flatnonzero(step)))
             raise InputError(
-                f"a step of 1 along axis {axis} of the state space {space.getName()!r} is "
+                f"a step of 1 along axis {along} of the state space {space.getName()!r} is "
                 f"{metres:g} m by `pose` and `height`, so that informed planners would leave out "
-                "cheap paths; give `height`, a function from a state to its height in metres, or "
-                "put an axis that is not in metres into a subspace of a CompoundStateSpace."
+                "cheap paths; let states be in metres, give `height`, a function from a state to "
+                "its height in metres, or put an axis that is not in metres into a subspace of a "
+                "CompoundStateSpace."
             )
+
+
+def _unit_steps(count: int) -> Iterator[Floats]:
+    """Yield steps of length 1 along each axis, and on both diagonals of each two."""
+    axes = np.eye(count)
+    yield from axes
+    for first, second in itertools.combinations(axes, 2):
+        yield (first + second) / math.sqrt(2.0)
+        yield (first - second) / math.sqrt(2.0)
+
+
+def _set_place(space: ob.StateSpace, state: Any, place: Floats) -> None:
+    """Set the numbers of a state that are a place; the heading or rotation is that of 0."""
+    if isinstance(space, ob.SE3StateSpace):
+        state.setXYZ(*place.tolist())
+        state.rotation().setIdentity()
+    elif isinstance(space, ob.SE2StateSpace):
+        write_pose(state, (place[0], place[1], 0.0), True)
+    else:
+        for i, value in enumerate(place.tolist()):
+            state[i] = value

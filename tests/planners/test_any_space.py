@@ -63,6 +63,28 @@ def test_known_spaces_taken_for_unknown_ones_cost_the_same(
     assert unknown.symmetric == known.symmetric
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("radius", [0.5, 1.0])
+def test_short_motions_with_cusps_cost_the_same(demo: AmbiguityService, radius: float) -> None:
+    """Of Reeds-Shepp curves, where OMPL drives ours, and there is not a second one as long."""
+    si = information(Steering("reeds-shepp", radius))
+    space, read = si.getStateSpace(), pose_reader(True)
+    known, unknown = AmbiguityObjective(si, demo), AmbiguityObjective(si, demo, pose=read)
+    rng = np.random.default_rng(3)
+    away = np.empty((3, 200))
+    for row, std in enumerate((0.1, 0.3, 1.0)):
+        starts = rng.uniform((2.0, 2.0, -3.0), (40.0, 25.0, 3.0), (away.shape[1], 3))
+        for k, (start, end) in enumerate(
+            zip(starts, starts + rng.normal(0.0, std, starts.shape), strict=True)
+        ):
+            a, b = new_state(si, tuple(start), True), new_state(si, tuple(end), True)
+            cost = unknown.motionCost(a, b).value()
+            assert cost > space.distance(a, b) * (1.0 - 2e-3)
+            away[row, k] = abs(cost / known.motionCost(a, b).value() - 1.0)
+    assert np.quantile(away, 0.95) < 2e-3
+    assert (away > 5e-3).mean() < 0.02
+
+
 def test_symmetric_dubins_costs_what_its_motion_does(demo: AmbiguityService) -> None:
     si = ob.SpaceInformation(ob.DubinsStateSpace(0.7, True))
     plain = information(Steering("dubins", 0.7))
@@ -158,6 +180,19 @@ def test_axes_that_cost_nothing_are_refused(demo: AmbiguityService) -> None:
         AmbiguityObjective(posed, demo, pose=lambda s: (s.getX(), s.getY()))
 
 
+def test_places_that_are_not_in_metres_are_refused(demo: AmbiguityService) -> None:
+    """Nor sheared ones, where both axes are and the diagonal is not."""
+    cells = ob.SpaceInformation(make_space(Steering(), BOUNDS))
+    with pytest.raises(InputError, match=r"axis 0 of the state space .* is 0.05 m by `pose`"):
+        AmbiguityObjective(cells, demo, pose=lambda s: (s[0] / 20.0, s[1] / 20.0))
+    with pytest.raises(InputError, match=r"axis 0 and 1 of the state space"):
+        AmbiguityObjective(cells, demo, pose=lambda s: (s[0] + s[1], s[1]))
+    turned = ob.SpaceInformation(make_space(Steering("se2"), BOUNDS))
+    with pytest.raises(InputError, match=r"axis 1 of the state space 'SE2"):
+        AmbiguityObjective(turned, demo, pose=lambda s: (s.getX(), 0.5 * s.getY(), s.getYaw()))
+    AmbiguityObjective(turned, demo, pose=lambda s: (s.getX(), 2.0 * s.getY(), s.getYaw()))
+
+
 def test_poses_in_space(demo: AmbiguityService) -> None:
     """SE(3): turning costs nothing, climbing costs its metres; so does the goal count them."""
     space = ob.SE3StateSpace()
@@ -244,15 +279,13 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
 @pytest.mark.parametrize("pose", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
 def test_poses_that_are_none(demo: AmbiguityService, pose: object) -> None:
     si = information(Steering())
-    objective = AmbiguityObjective(si, demo, pose=lambda state: pose)  # type: ignore[arg-type,return-value]
-    a = new_state(si, (3.0, 3.0, 0.0), False)
     with pytest.raises(InputError, match=r"pose gives .* for a state; let it return x and y in"):
-        objective.motionCost(a, a)
+        AmbiguityObjective(si, demo, pose=lambda state: pose)  # type: ignore[arg-type,return-value]
 
 
 def test_motions_that_jump(demo: AmbiguityService) -> None:
     si = information(Steering())
-    objective = AmbiguityObjective(si, demo, pose=lambda s: (3.0 if s[0] < 5.0 else 9.0, s[1]))
+    objective = AmbiguityObjective(si, demo, pose=lambda s: (s[0] + 3.0 * (s[0] > 5.0), s[1]))
     a, b = (new_state(si, pose, False) for pose in ((3.0, 3.0, 0.0), (9.0, 3.0, 0.0)))
     with pytest.raises(InputError, match="jumps from pose to pose; its cost cannot be integrated"):
         objective.motionCost(a, b)

@@ -132,6 +132,9 @@ def test_the_cost_is_at_least_the_length_in_space(robot: FlightPlanner) -> None:
         assert cost == pytest.approx(robot.service.route_cost(ends))
         assert cost >= objective.motionCostHeuristic(a, b).value() >= length * (1.0 - 1e-12)
         assert objective.stateCost(a).value() >= 1.0
+    a[0] = math.nan
+    assert objective.stateCost(a).value() == objective.motionCost(a, b).value() == math.inf
+    assert objective.motionCostHeuristic(a, b).value() == 0.0
     flat = ob.SpaceInformation(ob.RealVectorStateSpace(2))
     with pytest.raises(InputError, match=r"is not x, y, z; give a RealVectorStateSpace\(3\)"):
         FlightObjective(flat, robot.service)

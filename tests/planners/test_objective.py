@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from scipy.ndimage import map_coordinates
 
+from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Pose
@@ -22,8 +24,10 @@ from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.ompl_setup import Setup, Watch, prepare
 from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.problem import make_checker
 from ambinav_planners.registry import Budget, planner
 from ambinav_planners.spaces import make_space, new_state, pose_reader
+from ambinav_planners.validator import FootprintMotionValidator
 
 SPACES = [
     Steering(), Steering("se2"), Steering("dubins", 0.5), Steering("reeds-shepp", 0.5)
@@ -226,3 +230,54 @@ def test_states_that_are_no_numbers_cost_infinitely_much(
         assert objective.stateCost(state).value() == math.inf
         assert objective.motionCost(state, good).value() == math.inf
         assert objective.motionCost(good, state).value() == math.inf
+        assert objective.motionCostHeuristic(good, state).value() == 0.0
+
+
+def test_a_heading_of_many_turns_costs_as_one(heading_map: AmbiguityMap) -> None:
+    service = AmbiguityService(heading_map, weight=6.0)
+    si = information(Steering("se2"))
+    objective = AmbiguityObjective(si, service)
+    ends = [new_state(si, (3.0, 3.0, 0.5), True), new_state(si, (9.0, 5.0, 0.5), True)]
+    once = objective.motionCost(*ends).value()
+    for state in ends:
+        state.setYaw(0.5 + 2.0 * math.pi * 1e6)
+    assert objective.motionCost(*ends).value() == pytest.approx(once, rel=1e-6)
+    ends[0].setYaw(1e16)
+    assert math.isfinite(objective.motionCost(*ends).value())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("radius", [1.0, 2.0])
+def test_a_free_reeds_shepp_motion_is_free_as_ompl_drives_it(
+    demo: AmbiguityService, radius: float
+) -> None:
+    """Also where it drives another curve than ours, which is as long."""
+    steering = Steering("reeds-shepp", radius)
+    si = information(steering)
+    space, between = si.getStateSpace(), si.allocState()
+    checker = make_checker(demo, Footprint.disc(0.2), steering)
+    ours = FootprintMotionValidator(si, checker, both=False)
+    both = FootprintMotionValidator(si, checker)
+    room = demo.map.environment.free.buffer(-0.2 + 2e-3)
+    shapely.prepare(room)
+    rng = np.random.default_rng(0)
+    free, differ = 0, 0
+    starts = rng.uniform((0.0, 0.0, -3.0), (45.0, 28.0, 3.0), (60_000, 3))
+    starts = starts[checker.poses_free(starts) & (checker.clearance(starts) < 0.3)]
+    ends = starts + rng.normal(0.0, 0.3 * radius, starts.shape)
+    chosen = checker.motions_free(starts, ends)
+    for start, end in zip(starts[chosen], ends[chosen], strict=True):
+        a, b = new_state(si, tuple(start), True), new_state(si, tuple(end), True)
+        assert ours.checkMotion(a, b)
+        points = []
+        for k in range(41):
+            space.interpolate(a, b, k / 40, between)
+            points.append((between.getX(), between.getY()))
+        driven = bool(room.covers(shapely.LineString(points)))
+        if both.checkMotion(a, b):
+            assert driven
+            free += 1
+        else:
+            differ += 1
+    assert free > 300
+    assert differ > 3

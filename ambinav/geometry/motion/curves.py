@@ -92,3 +92,13 @@ def pose_along(kind, pieces, length, a, b, share):
             x, y, theta = advance(x, y, theta, math.copysign(part, pieces[k]), pieces[k + 5])
         remaining -= part
     return x, y, theta
+
+
+@kernel
+def curve_pose(kind, radius, x0, y0, t0, x1, y1, t1, share):
+    """Return the pose at a share of the length of the curve between two poses."""
+    pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
+    length = 0.0
+    for k in range(5):
+        length += abs(pieces[k])
+    return pose_along(kind, pieces, length, (x0, y0, t0), (x1, y1, t1), share)
