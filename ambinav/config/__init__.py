@@ -19,8 +19,10 @@ from ambinav.config.numbers import (
     as_count,
     as_degrees,
     as_flat,
+    as_nonnegative,
     as_number,
     as_numbers,
+    as_positive,
     nearest,
 )
 from ambinav.config.values import (
@@ -60,8 +62,10 @@ __all__ = [
     "as_count",
     "as_degrees",
     "as_flat",
+    "as_nonnegative",
     "as_number",
     "as_numbers",
+    "as_positive",
     "check_fields",
     "check_keys",
     "check_kind",

@@ -19,8 +19,8 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
-from ambinav.config.numbers import nearest
-from ambinav.config.values import FaultError, fault, shown
+from ambinav.config.numbers import nearest, shown
+from ambinav.config.values import FaultError, fault
 from ambinav.runtime.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -16,11 +16,8 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator
 
-from ambinav.config.numbers import as_number, nearest
+from ambinav.config.numbers import as_number, nearest, shown
 from ambinav.runtime.errors import InputError
-
-LONGEST = 60
-"""Characters of a value that a message shows."""
 
 
 class FaultError(ValueError):
@@ -35,12 +32,6 @@ def fault(value: object, wish: str) -> FaultError:
         wish: What to do instead.
     """
     return FaultError(f"is {shown(value)}; {wish}")
-
-
-def shown(value: object) -> str:
-    """Format a value for messages; a long one is cut."""
-    text = repr(value.item() if isinstance(value, np.generic) else value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def check_kind(value: object, kind: type | tuple[type, ...], name: str, remedy: str) -> None:

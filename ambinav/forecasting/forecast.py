@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_number, check_kind
-from ambinav.config.values import shown
+from ambinav.config import as_positive, check_kind
+from ambinav.config.numbers import shown
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
@@ -158,9 +158,11 @@ class Forecaster:
             amap, environment, poses, echoes=self.localizer.limited_by_echoes(scanner)
         )
         self.settings = self.localizer.settings(
-            _limit(position_limit, "position_limit"),
-            _limit(heading_limit, "heading_limit"),
-            None if lateral_limit is None else _limit(lateral_limit, "lateral_limit"),
+            as_positive(position_limit, "position_limit", "metres"),
+            as_positive(heading_limit, "heading_limit", "radians"),
+            None
+            if lateral_limit is None
+            else as_positive(lateral_limit, "lateral_limit", "metres"),
         )
         deviations = _deviations(start_std)
         if max(deviations[:2]) > position_limit or deviations[2] > heading_limit:
@@ -373,10 +375,3 @@ def _deviations(values: ArrayLike) -> Floats:
             f"start_std is {shown(values)}; give the deviations of x, y and heading, above 0."
         )
     return deviations
-
-
-def _limit(value: float, name: str) -> float:
-    number = as_number(value, name)
-    if not number > 0.0:
-        raise InputError(f"{name} is {number:g}; give the error from which it is lost, above 0.")
-    return number

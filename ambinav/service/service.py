@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_arrays, as_number
+from ambinav.config import as_arrays, as_nonnegative, as_positive
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -74,13 +74,10 @@ class AmbiguityService:
         preferred: BaseGeometry | None = None,
         outside_weight: float = 1.0,
     ) -> None:
-        weight = _amount(weight, "weight")
-        outside_weight = _amount(outside_weight, "outside_weight")
-        clearance_weight = _amount(clearance_weight, "clearance_weight")
-        power, comfort = as_number(power, "power"), as_number(comfort, "comfort")
-        for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
-            if not number > 0.0:
-                raise InputError(f"{name} is {number}; give a number{unit} above 0.")
+        weight = as_nonnegative(weight, "weight")
+        outside_weight = as_nonnegative(outside_weight, "outside_weight")
+        clearance_weight = as_nonnegative(clearance_weight, "clearance_weight")
+        power, comfort = as_positive(power, "power"), as_positive(comfort, "comfort", "metres")
         if layer is None:
             layer = amap.cost_layer
         amap.floor(layer)
@@ -281,7 +278,7 @@ class AmbiguityService:
         if weight == self.weight:
             return self
         other = copy(self)
-        other.weight = _amount(weight, "weight")
+        other.weight = as_nonnegative(weight, "weight")
         other.density = other._weighed()
         return other
 
@@ -384,13 +381,6 @@ def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
     """Integrate a field along a route."""
     route = checked_poses(poses, "poses")
     return float(_motions(field, route[:-1], route[1:], steering or Steering("se2")).sum())
-
-
-def _amount(value: float, name: str) -> float:
-    number = as_number(value, name)
-    if not number >= 0.0:
-        raise InputError(f"{name} is {number}; give a number of at least 0.")
-    return number
 
 
 def _flat(**values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_flat, as_number
+from ambinav.config import as_flat, as_nonnegative
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.array_types import Floats, Floats32
@@ -45,9 +45,7 @@ class VolumeService:
     ) -> None:
         from scipy.ndimage import distance_transform_edt
 
-        self.weight = as_number(weight, "weight")
-        if not self.weight >= 0.0:
-            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
+        self.weight = as_nonnegative(weight, "weight")
         self.volume = volume
         self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
         attrs = volume.dataset[self.layer].attrs
