@@ -43,6 +43,7 @@ from ambinav.config.values import (
     integer,
     number,
     row,
+    some_numbers,
 )
 
 __all__ = [
@@ -80,4 +81,5 @@ __all__ = [
     "parse_yaml",
     "read_text",
     "row",
+    "some_numbers",
 ]

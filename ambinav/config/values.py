@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator
@@ -119,6 +119,10 @@ def _numbers(value: Any) -> Any:
     return tuple(plain)
 
 
+some_numbers: Final = BeforeValidator(_numbers)
+"""Validator of a list, a tuple or an array of at least one value."""
+
+
 def choice(names: Iterable[str]) -> BeforeValidator:
     """Return a validator of a name; for an unknown one, the nearest are suggested."""
     known = tuple(names)
@@ -155,7 +159,7 @@ def _allowed_text(what: str, above: float | None, least: float | None, most: flo
 
 
 Number: TypeAlias = Annotated[float, number()]
-Numbers: TypeAlias = Annotated[tuple[Number, ...], BeforeValidator(_numbers)]
+Numbers: TypeAlias = Annotated[tuple[Number, ...], some_numbers]
 Positive: TypeAlias = Annotated[float, number(above=0)]
 NonNegative: TypeAlias = Annotated[float, number(least=0)]
 Share: TypeAlias = Annotated[float, number(least=0, most=1)]
