@@ -13,6 +13,7 @@ from ambinav.config.model import (
     checked,
     from_mapping,
     of_mapping,
+    require,
 )
 from ambinav.config.numbers import (
     as_arrays,
@@ -80,6 +81,7 @@ __all__ = [
     "of_mapping",
     "parse_yaml",
     "read_text",
+    "require",
     "row",
     "some_numbers",
 ]

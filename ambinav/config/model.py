@@ -122,6 +122,22 @@ def check_fields(parameters: Any, where: str = "") -> None:
         object.__setattr__(parameters, name, value)
 
 
+def require(parameters: object, name: str, good: bool, wish: str) -> None:
+    """Check one field of a dataclass against the others.
+
+    Args:
+        parameters: The dataclass.
+        name: The field.
+        good: Whether its value is of use.
+        wish: What to give instead.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not good:
+        raise InputError(f"{name} is {shown(getattr(parameters, name))}; give {wish}.")
+
+
 @cache
 def _checks(kind: Any) -> dict[str, Callable[[Any], Any]]:
     """Return the validator of each field of a dataclass."""

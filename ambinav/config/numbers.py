@@ -137,4 +137,6 @@ def nearest(word: str, known: Iterable[str]) -> str:
         matches = [part]
     elif not matches:
         matches = difflib.get_close_matches(part, names, n=3, cutoff=0.5)
+    if not names:
+        return "there are none"
     return ("did you mean " if matches else "choose from ") + ", ".join(matches or names)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ambinav.config import as_positive, check_kind
 from ambinav.config.numbers import shown
+from ambinav.drive.drive import checked_start_std
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
@@ -164,7 +165,7 @@ class Forecaster:
             if lateral_limit is None
             else as_positive(lateral_limit, "lateral_limit", "metres"),
         )
-        deviations = _deviations(start_std)
+        deviations = checked_start_std(start_std)
         if max(deviations[:2]) > position_limit or deviations[2] > heading_limit:
             raise InputError(
                 f"start_std is {shown(start_std)}, beyond the limits of {position_limit:g} m and "
@@ -363,15 +364,3 @@ def _checked(routes: Sequence[Route]) -> Sequence[Route]:
     for route in routes:
         check_kind(route, Route, "a route", "give what a planner or `load_route` returns")
     return routes
-
-
-def _deviations(values: ArrayLike) -> Floats:
-    try:
-        deviations = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        deviations = np.empty(0)
-    if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
-        raise InputError(
-            f"start_std is {shown(values)}; give the deviations of x, y and heading, above 0."
-        )
-    return deviations

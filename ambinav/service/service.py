@@ -19,7 +19,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-from ambinav.service.field import Field, nearest_possible
+from ambinav.service.field import Field, check_cost, nearest_possible
 from ambinav.service.motion import motion_integrals
 
 
@@ -83,12 +83,6 @@ class AmbiguityService:
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
-        attrs = amap.dataset[layer].attrs
-        if attrs.get("worse") == "low" or attrs.get("better") == "high":
-            raise InputError(
-                f"layer {layer!r} is high where a robot is well localized; a cost needs one that "
-                "is high where it is not, such as level."
-            )
         self.map = amap
         self.layer = layer
         self.weight = weight
@@ -98,16 +92,7 @@ class AmbiguityService:
         self.preferred = preferred
         self.outside_weight = outside_weight
         self.ambiguity = Field.of(amap, layer)
-        least, most = float(self.ambiguity.values.min()), float(self.ambiguity.values.max())
-        if not math.isfinite(most):
-            raise InputError(
-                f"layer {layer!r} holds {most:g}; a cost needs a layer that is finite."
-            )
-        if not least >= 0.0:
-            raise InputError(
-                f"layer {layer!r} holds {least:g}; a cost needs a layer with values from 0 on, "
-                "such as level."
-            )
+        check_cost(layer, amap.dataset[layer].attrs, self.ambiguity.values)
         with np.errstate(over="ignore"):  # said below
             graded = self.ambiguity.values ** np.float32(power)
         self.graded = replace(self.ambiguity, values=graded)
