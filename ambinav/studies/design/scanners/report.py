@@ -141,7 +141,6 @@ def content(report: Document) -> Content:
         "m2": lambda area: "" if area is None else f"{area:,.1f}",
         "metres": lambda metres: "" if metres is None else f"{metres:.1f}",
         "error": lambda metres: "" if metres is None else f"{metres:.3f}",
-        "share": lambda share: "" if share is None else f"{100.0 * share:.1f} %",
         "plain": lambda value: "" if value is None else f"{value:g}",
         "brief": lambda value: "" if value is None else f"{value:.3g}",
         "seconds": lambda value: "store" if value is None else f"{value:.1f}",
