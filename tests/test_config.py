@@ -17,6 +17,8 @@ from ambinav.config import (
     Positive,
     Switch,
     as_arrays,
+    as_nonnegative,
+    as_positive,
     check_fields,
     checked,
     choice,
@@ -26,6 +28,7 @@ from ambinav.config import (
     of_mapping,
     row,
 )
+from ambinav.config.numbers import shown
 from ambinav.runtime.errors import InputError
 
 
@@ -54,6 +57,8 @@ class Cart(ConfigModel):
     seats: Count | None = None
     doors: int | None = None
 
+
+UNUSABLE: list[object] = [math.nan, -math.inf, math.inf, True, "far", None, 10**400]
 
 GOOD: dict[str, Any] = {"wheels": [{"radius": "1e-1", "mount": [0, 1, 180]}], "motor": {"power": 2}}
 
@@ -132,3 +137,24 @@ def test_arrays_broadcast() -> None:
     shape, (x, y, theta) = as_arrays(x=[[1], [2]], y=np.float32([3, 4, 5]), theta=6)
     assert shape == (2, 3) and x.dtype == y.dtype == theta.dtype == np.float64
     assert x.shape == (2, 1) and theta.shape == ()
+
+
+@pytest.mark.parametrize(
+    ("check", "value", "unit", "message"),
+    [
+        (as_positive, 0, "", "x is 0; give a number above 0."),
+        (as_positive, np.float64(-0.5), "metres", "x is -0.5; give metres above 0."),
+        (as_nonnegative, "-1", "", "x is '-1'; give a number of at least 0."),
+        (as_nonnegative, -1e-9, "metres", "x is -1e-09; give at least 0 metres."),
+        *((as_positive, bad, "", f"x is {shown(bad)}; give a finite number.") for bad in UNUSABLE),
+        *(
+            (as_nonnegative, bad, "", f"x is {shown(bad)}; give a finite number.")
+            for bad in UNUSABLE
+        ),
+    ],
+)
+def test_signs_of_single_numbers(check: Any, value: object, unit: str, message: str) -> None:
+    assert check("1e-3", "x", unit) == 1e-3 and as_nonnegative(0, "x") == 0.0
+    with pytest.raises(InputError) as caught:
+        check(value, "x", unit)
+    assert str(caught.value) == message

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import Annotated
 
-from ambinav.config import as_number
-from ambinav.runtime.errors import InputError
+from ambinav.config import NonNegative, Positive, check_fields, number, require
 from ambinav.sensing.scanner import RangeScanner
 
 # Neighbouring beams mostly see the same wall and share its error, so a turn of the scanner holds
@@ -37,31 +37,21 @@ class AmbiguityModel:
             pose is possible. 0: its centre and its sensors alone.
     """
 
-    radius: float
-    map_std: float
-    tau: float
-    sigma_theta: float = 0.05
-    outlier_share: float = 0.05
-    low: float = 0.35
-    high: float = 0.65
-    robot_radius: float = 0.0
+    radius: Positive
+    map_std: NonNegative
+    tau: Annotated[float, number(least=1)]
+    sigma_theta: Positive = 0.05
+    outlier_share: Positive = 0.05
+    low: Positive = 0.35
+    high: Positive = 0.65
+    robot_radius: NonNegative = 0.0
 
     def __post_init__(self) -> None:
         """Check every number and convert it to its type."""
-        for field in fields(self):
-            value = as_number(getattr(self, field.name), field.name)
-            object.__setattr__(self, field.name, value)
-        _require(self, "radius", self.radius > 0.0, "a positive number of metres")
-        _require(self, "map_std", self.map_std >= 0.0, "at least 0 metres")
-        _require(self, "robot_radius", self.robot_radius >= 0.0, "at least 0 metres")
-        _require(self, "tau", self.tau >= 1.0, "at least 1")
-        _require(self, "sigma_theta", self.sigma_theta > 0.0, "more than 0 radians")
-        _require(
-            self, "outlier_share", 0.0 < self.outlier_share < 1.0,
-            "more than 0 and less than 1",
-        )  # fmt: skip
-        _require(self, "high", 0.0 < self.high < 1.0, "more than 0 and less than 1")
-        _require(self, "low", 0.0 < self.low < self.high, "more than 0 and less than high")
+        check_fields(self)
+        require(self, "outlier_share", self.outlier_share < 1.0, "more than 0 and less than 1")
+        require(self, "high", self.high < 1.0, "more than 0 and less than 1")
+        require(self, "low", self.low < self.high, "more than 0 and less than high")
 
     def cell_variance(self, spacing: float) -> tuple[float, float]:
         """Return a pose's variance in a cell: x, y (square metres), theta (square radians).
@@ -100,8 +90,3 @@ def thin(scanner: RangeScanner, max_beams: int | None = None) -> RangeScanner:
         max_beams = max(round(BEAMS_PER_TURN * share) * layers, 1)
         max_beams = max(max_beams, len(scanner.parts))
     return scanner.thinned(max_beams)
-
-
-def _require(model: AmbiguityModel, field: str, good: bool, remedy: str) -> None:
-    if not good:
-        raise InputError(f"{field} is {getattr(model, field)}; give {remedy}.")

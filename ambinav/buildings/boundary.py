@@ -14,7 +14,7 @@ from ambinav.buildings.coverage import Coverage
 from ambinav.buildings.edge_fit import furthest, strays
 from ambinav.buildings.ring_checks import crossing, enclosures
 from ambinav.buildings.simplify import simplify_ring
-from ambinav.config import as_number
+from ambinav.config import as_nonnegative
 from ambinav.geometry.collision.collision_geometry import drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import OccupancyGrid
@@ -74,11 +74,9 @@ def environment_from_grid(
     specks_stay = gap is None and cell > LARGEST_DEFAULT_SPECK * (1 + 1e-6)
     if gap is None:
         gap = GAP_CELLS * cell if cell <= LARGEST_DEFAULT_GAP else 0.0
-    tolerance, gap = as_number(tolerance, "tolerance"), as_number(gap, "gap")
-    min_area = as_number(min_area, "min_area")
-    for key, value in (("tolerance", tolerance), ("gap", gap), ("min_area", min_area)):
-        if value < 0.0:
-            raise InputError(f"{key} is {value!r}; it must be a length of at least 0 in metres.")
+    tolerance = as_nonnegative(tolerance, "tolerance", "metres")
+    gap = as_nonnegative(gap, "gap", "metres")
+    min_area = as_nonnegative(min_area, "min_area", "square metres")
     name = grid.source.stem if grid.source is not None else "grid"
     # Add a margin before rounding down: 0.15 / 0.05 is 2.9999999999999996.
     gap_cells = math.floor(gap / cell + 1e-6)

@@ -13,14 +13,17 @@ from ambinav.config.model import (
     checked,
     from_mapping,
     of_mapping,
+    require,
 )
 from ambinav.config.numbers import (
     as_arrays,
     as_count,
     as_degrees,
     as_flat,
+    as_nonnegative,
     as_number,
     as_numbers,
+    as_positive,
     nearest,
 )
 from ambinav.config.values import (
@@ -41,6 +44,7 @@ from ambinav.config.values import (
     integer,
     number,
     row,
+    some_numbers,
 )
 
 __all__ = [
@@ -60,8 +64,10 @@ __all__ = [
     "as_count",
     "as_degrees",
     "as_flat",
+    "as_nonnegative",
     "as_number",
     "as_numbers",
+    "as_positive",
     "check_fields",
     "check_keys",
     "check_kind",
@@ -75,5 +81,7 @@ __all__ = [
     "of_mapping",
     "parse_yaml",
     "read_text",
+    "require",
     "row",
+    "some_numbers",
 ]

@@ -19,8 +19,8 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
-from ambinav.config.numbers import nearest
-from ambinav.config.values import FaultError, fault, shown
+from ambinav.config.numbers import nearest, shown
+from ambinav.config.values import FaultError, fault
 from ambinav.runtime.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -120,6 +120,22 @@ def check_fields(parameters: Any, where: str = "") -> None:
         except ValidationError as error:
             raise InputError(_error_text(error, where, (name,))) from error
         object.__setattr__(parameters, name, value)
+
+
+def require(parameters: object, name: str, good: bool, wish: str) -> None:
+    """Check one field of a dataclass against the others.
+
+    Args:
+        parameters: The dataclass.
+        name: The field.
+        good: Whether its value is of use.
+        wish: What to give instead.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not good:
+        raise InputError(f"{name} is {shown(getattr(parameters, name))}; give {wish}.")
 
 
 @cache

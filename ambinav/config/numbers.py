@@ -20,6 +20,15 @@ from ambinav.runtime.errors import InputError
 SHORTEST: Final = 3
 """Letters of a part of a name by which the name is found."""
 
+LONGEST: Final = 60
+"""Characters of a value that a message shows."""
+
+
+def shown(value: object) -> str:
+    """Format a value for messages; a long one is cut."""
+    text = repr(value.item() if isinstance(value, np.generic) else value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
 
 def as_number(value: object, where: str) -> float:
     """Return a finite number as a float.
@@ -38,7 +47,30 @@ def as_number(value: object, where: str) -> float:
         except (ValueError, OverflowError):
             number = math.nan
     if not math.isfinite(number):
-        raise InputError(f"{where} is {value!r}; give a finite number.")
+        raise InputError(f"{where} is {shown(value)}; give a finite number.")
+    return number
+
+
+def as_positive(value: object, where: str, unit: str = "") -> float:
+    """Return a finite number above 0 as a float, or raise `InputError`.
+
+    Args:
+        value: As for `as_number`.
+        where: Names it in messages.
+        unit: Its unit in messages, such as "metres".
+    """
+    number = as_number(value, where)
+    if number <= 0.0:
+        raise InputError(f"{where} is {shown(value)}; give {unit or 'a number'} above 0.")
+    return number
+
+
+def as_nonnegative(value: object, where: str, unit: str = "") -> float:
+    """Return a finite number of at least 0 as a float, or raise `InputError`; see `as_positive`."""
+    number = as_number(value, where)
+    if number < 0.0:
+        wish = f"at least 0 {unit}" if unit else "a number of at least 0"
+        raise InputError(f"{where} is {shown(value)}; give {wish}.")
     return number
 
 
@@ -47,14 +79,14 @@ def as_numbers(value: object, where: str) -> tuple[float, ...]:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, list | tuple) or not value:
-        raise InputError(f"{where} is {value!r}; give a list of numbers.")
+        raise InputError(f"{where} is {shown(value)}; give a list of numbers.")
     return tuple(as_number(item, f"{where}[{i}]") for i, item in enumerate(value))
 
 
 def as_count(value: object, where: str) -> int:
     """Return a whole number of at least 1, or raise `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise InputError(f"{where} is {value!r}; give a whole number of at least 1.")
+        raise InputError(f"{where} is {shown(value)}; give a whole number of at least 1.")
     return int(value)
 
 
@@ -105,4 +137,6 @@ def nearest(word: str, known: Iterable[str]) -> str:
         matches = [part]
     elif not matches:
         matches = difflib.get_close_matches(part, names, n=3, cutoff=0.5)
+    if not names:
+        return "there are none"
     return ("did you mean " if matches else "choose from ") + ", ".join(matches or names)

@@ -11,16 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator
 
-from ambinav.config.numbers import as_number, nearest
+from ambinav.config.numbers import as_number, nearest, shown
 from ambinav.runtime.errors import InputError
-
-LONGEST = 60
-"""Characters of a value that a message shows."""
 
 
 class FaultError(ValueError):
@@ -35,12 +32,6 @@ def fault(value: object, wish: str) -> FaultError:
         wish: What to do instead.
     """
     return FaultError(f"is {shown(value)}; {wish}")
-
-
-def shown(value: object) -> str:
-    """Format a value for messages; a long one is cut."""
-    text = repr(value.item() if isinstance(value, np.generic) else value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def check_kind(value: object, kind: type | tuple[type, ...], name: str, remedy: str) -> None:
@@ -128,6 +119,10 @@ def _numbers(value: Any) -> Any:
     return tuple(plain)
 
 
+some_numbers: Final = BeforeValidator(_numbers)
+"""Validator of a list, a tuple or an array of at least one value."""
+
+
 def choice(names: Iterable[str]) -> BeforeValidator:
     """Return a validator of a name; for an unknown one, the nearest are suggested."""
     known = tuple(names)
@@ -164,7 +159,7 @@ def _allowed_text(what: str, above: float | None, least: float | None, most: flo
 
 
 Number: TypeAlias = Annotated[float, number()]
-Numbers: TypeAlias = Annotated[tuple[Number, ...], BeforeValidator(_numbers)]
+Numbers: TypeAlias = Annotated[tuple[Number, ...], some_numbers]
 Positive: TypeAlias = Annotated[float, number(above=0)]
 NonNegative: TypeAlias = Annotated[float, number(least=0)]
 Share: TypeAlias = Annotated[float, number(least=0, most=1)]

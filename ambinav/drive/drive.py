@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_count, check_kind
+from ambinav.config import as_count, as_positive, check_kind
+from ambinav.config.numbers import shown
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
 from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
@@ -184,14 +185,21 @@ def drive_route(
 
 def checked_timing(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
     """Return the deviations of the start; raise `InputError` for unusable numbers."""
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise InputError(f"rate is {rate}; give time steps a second, above 0.")
-    if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
-        raise InputError(f"max_time is {max_time}; give seconds above 0.")
-    deviations = np.array(start_std, dtype=np.float64)
+    as_positive(rate, "rate", "time steps a second")
+    if max_time is not None:
+        as_positive(max_time, "max_time", "seconds")
+    return checked_start_std(start_std)
+
+
+def checked_start_std(start_std: ArrayLike) -> Floats:
+    """Return the deviations of the start, shape (3,); raise `InputError` for unusable ones."""
+    try:
+        deviations = np.array(start_std, dtype=np.float64)
+    except (TypeError, ValueError):
+        deviations = np.empty(0)
     if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
         raise InputError(
-            f"start_std is {deviations.tolist()}; give the deviations of x, y and heading, above 0."
+            f"start_std is {shown(start_std)}; give the deviations of x, y and heading, above 0."
         )
     return deviations
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_count, as_number
+from ambinav.config import NonNegative, as_count, check_fields
 from ambinav.drive.bootstrap import LEVEL, Interval, share
 from ambinav.drive.drive import checked_start, checked_timing, drive_route, make_localizer
 from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
@@ -76,18 +76,13 @@ class LostRule:
         InputError: a number is negative or not finite.
     """
 
-    position: float = LOST_POSITION
-    heading: float = LOST_HEADING
-    seconds: float = LOST_SECONDS
-    lateral: float | None = None
+    position: NonNegative = LOST_POSITION
+    heading: NonNegative = LOST_HEADING
+    seconds: NonNegative = LOST_SECONDS
+    lateral: NonNegative | None = None
 
     def __post_init__(self) -> None:
-        for name in ("position", "heading", "seconds", "lateral"):
-            value = getattr(self, name)
-            if value is None and name == "lateral":
-                continue
-            if as_number(value, name) < 0.0:
-                raise InputError(f"{name} is {value}; give at least 0.")
+        check_fields(self)
 
     def is_off(self, error: Errors, theta: Floats) -> Bools:
         """Return whether errors are above a limit, shape (R, n).

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_number, check_kind
-from ambinav.config.values import shown
+from ambinav.config import as_positive, check_kind
+from ambinav.config.numbers import shown
+from ambinav.drive.drive import checked_start_std
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
@@ -158,11 +159,13 @@ class Forecaster:
             amap, environment, poses, echoes=self.localizer.limited_by_echoes(scanner)
         )
         self.settings = self.localizer.settings(
-            _limit(position_limit, "position_limit"),
-            _limit(heading_limit, "heading_limit"),
-            None if lateral_limit is None else _limit(lateral_limit, "lateral_limit"),
+            as_positive(position_limit, "position_limit", "metres"),
+            as_positive(heading_limit, "heading_limit", "radians"),
+            None
+            if lateral_limit is None
+            else as_positive(lateral_limit, "lateral_limit", "metres"),
         )
-        deviations = _deviations(start_std)
+        deviations = checked_start_std(start_std)
         if max(deviations[:2]) > position_limit or deviations[2] > heading_limit:
             raise InputError(
                 f"start_std is {shown(start_std)}, beyond the limits of {position_limit:g} m and "
@@ -361,22 +364,3 @@ def _checked(routes: Sequence[Route]) -> Sequence[Route]:
     for route in routes:
         check_kind(route, Route, "a route", "give what a planner or `load_route` returns")
     return routes
-
-
-def _deviations(values: ArrayLike) -> Floats:
-    try:
-        deviations = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        deviations = np.empty(0)
-    if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
-        raise InputError(
-            f"start_std is {shown(values)}; give the deviations of x, y and heading, above 0."
-        )
-    return deviations
-
-
-def _limit(value: float, name: str) -> float:
-    number = as_number(value, name)
-    if not number > 0.0:
-        raise InputError(f"{name} is {number:g}; give the error from which it is lost, above 0.")
-    return number

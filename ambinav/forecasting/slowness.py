@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.braking import BrakingRule, free_distance
 from ambinav.forecasting.document import ODOMETRY
@@ -28,7 +28,6 @@ from ambinav.layers.build import layer_variables
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.errors import InputError
 
 LAYER: Final = "slowness"
 METRES: Final = 8.0
@@ -66,8 +65,7 @@ def with_slowness(
     Raises:
         InputError: the speed is not above 0, or see `Forecaster`.
     """
-    if not as_number(max_speed, "max_speed") > 0.0:
-        raise InputError(f"max_speed is {max_speed:g}; give metres per second above 0.")
+    max_speed = as_positive(max_speed, "max_speed", "metres per second")
     context = LayerContext.of(amap)
     spread, _ = steady_state(context, odometry, localizer, METRES, loses=False)
     speed = np.empty(spread.shape[:2])

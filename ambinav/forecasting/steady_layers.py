@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.config import as_count, as_number
+from ambinav.config import as_count, as_positive
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
@@ -95,8 +95,7 @@ def steady_state(
         shape (P, K), which without `loses` is nan, in less time.
     """
     noise, kind = odometry_of(odometry), LocalizerClass.load(localizer)
-    if not as_number(metres, "metres") > 0.0:
-        raise InputError(f"metres is {metres:g}; give a distance above 0.")
+    metres = as_positive(metres, "metres", "a distance")
     count = as_count(directions, "directions")
     amap = context.amap
     if amap is None:

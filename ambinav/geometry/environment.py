@@ -20,7 +20,7 @@ from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
 from ambinav.casting.turned import turned
-from ambinav.config import as_flat, as_number
+from ambinav.config import as_flat, as_nonnegative, as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
@@ -268,9 +268,7 @@ class Environment:
         Raises:
             InputError: the radius is negative or not a number.
         """
-        radius = as_number(radius, "is_free: radius")
-        if radius < 0.0:
-            raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
+        radius = as_nonnegative(radius, "is_free: radius", "metres")
         shape, (flat_x, flat_y) = as_flat(x=x, y=y)
         if radius > 0.0:
             place, limit = self.collision, radius * (1 + 1e-6) + 1e-9

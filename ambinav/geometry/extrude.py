@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ambinav.casting.prisms.prisms import Prisms
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
-from ambinav.runtime.errors import InputError
 
 
 def extruded(environment: Environment, height: float, floor: float = 0.0) -> Prisms:
@@ -24,9 +23,7 @@ def extruded(environment: Environment, height: float, floor: float = 0.0) -> Pri
     Raises:
         InputError: the height is no positive number, or the floor no finite one.
     """
-    height = as_number(height, "height")
-    if not height > 0.0:
-        raise InputError(f"height is {height}; give a positive number of metres.")
+    height = as_positive(height, "height", "metres")
     xy = environment.segments.xy
     return Prisms(
         xy,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -12,6 +11,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import as_nonnegative
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
@@ -41,9 +41,7 @@ class Footprint:
         Raises:
             InputError: the radius is negative or not finite.
         """
-        radius = float(radius)
-        if not (math.isfinite(radius) and radius >= 0.0):
-            raise InputError(f"footprint: radius is {radius}; give at least 0 metres.")
+        radius = as_nonnegative(radius, "footprint: radius", "metres")
         return cls(radius, np.empty((0, 2)))
 
     @classmethod

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ambinav.casting.plane.raycast import cast_one
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.array_types import Bools, Bounds, Bytes, Floats, Ints32
 from ambinav.runtime.errors import InputError
@@ -73,8 +74,7 @@ class Lattice:
         Raises:
             InputError: the spacing is not a positive number, or of no use for its size.
         """
-        if not (math.isfinite(spacing) and spacing > 0.0):
-            raise InputError(f"spacing is {spacing}; give a positive number of metres.")
+        spacing = as_positive(spacing, "spacing", "metres")
         xmin, ymin, xmax, ymax = environment.free.bounds
         size = f"{xmax - xmin:.2f} x {ymax - ymin:.2f} m"
         if spacing > max(xmax - xmin, ymax - ymin):

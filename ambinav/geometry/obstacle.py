@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_number
+from ambinav.config import as_nonnegative, as_number, as_positive
 from ambinav.runtime.errors import InputError
 
 FURTHEST: Final = 1e8
@@ -61,9 +61,7 @@ class Obstacle:
                 "different ends, or a polygon three corners that are not in line."
             )
         object.__setattr__(self, "outline", outline)
-        bottom = as_number(self.bottom, "obstacle: bottom")
-        if bottom < 0.0:
-            raise InputError(f"obstacle: bottom is {bottom:g}; give at least 0 metres.")
+        bottom = as_nonnegative(self.bottom, "obstacle: bottom", "metres")
         if self.top is not None and not bottom < (top := as_number(self.top, "obstacle: top")):
             raise InputError(
                 f"obstacle: top is {top:g}; give a height above its bottom of {bottom:g} metres, "
@@ -86,8 +84,7 @@ class Obstacle:
         Raises:
             InputError: the radius is not above 0, or a number is not finite.
         """
-        if not (math.isfinite(radius) and radius > 0.0):
-            raise InputError(f"post: radius is {radius}; give a positive number of metres.")
+        radius = as_positive(radius, "post: radius", "metres")
         _finite("post", x=x, y=y)
         sides = math.ceil(math.pi / math.acos(max(1.0 - ROUNDNESS / radius, 0.0)) / 4) * 4
         sides = min(max(sides, FEWEST_SIDES), MOST_SIDES)
@@ -140,8 +137,7 @@ class Obstacle:
             raise InputError(
                 f"wall: points have the shape {course.shape}; give (n, 2) with n at least 2."
             )
-        if not (math.isfinite(thickness) and thickness >= 0.0):
-            raise InputError(f"wall: thickness is {thickness}; give at least 0 metres.")
+        thickness = as_nonnegative(thickness, "wall: thickness", "metres")
         line = cls(shapely.LineString(course), reflective)
         if thickness == 0.0:
             return line

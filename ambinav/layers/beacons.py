@@ -21,7 +21,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.ops import nearest_points
 
-from ambinav.config import as_flat, as_number
+from ambinav.config import as_flat, as_number, as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.fisher import checked_tau, scan_informations
@@ -185,12 +185,13 @@ def _checked(
         row = int(np.flatnonzero(~np.isfinite(places).all(axis=1))[0])
         raise InputError(f"beacons: at[{row}] is {places[row].tolist()}; give finite metres.")
     low = as_number(receiver, "receiver")
-    for name, value in (("std", std), ("max_range", max_range)):
-        if not as_number(value, name) > 0.0:
-            raise InputError(f"{name} is {value}; give more than 0 metres.")
+    std, max_range = (
+        as_positive(std, "std", "metres"),
+        as_positive(max_range, "max_range", "metres"),
+    )
     if places.shape[1] == 2:
         places = np.column_stack([places, np.full(len(places), low)])
-    return places, float(std) ** 2, float(max_range), low
+    return places, std**2, max_range, low
 
 
 def _reach(context: LayerContext, *, max_range: float = MAX_RANGE, **_: object) -> float:

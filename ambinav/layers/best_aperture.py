@@ -15,7 +15,7 @@ import numpy as np
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.model import independent_tau, thin
 from ambinav.ambiguity.panorama import View, view_radii
-from ambinav.config import as_count, as_number
+from ambinav.config import as_count, as_nonnegative, as_number
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.runtime.array_types import Bools, Floats32
@@ -49,9 +49,7 @@ def best_aperture(
     Raises:
         InputError: a number is out of its range.
     """
-    loss, step, yaws = as_number(loss, "loss"), as_number(step, "step"), as_count(yaws, "yaws")
-    if loss < 0.0:
-        raise InputError(f"loss is {loss}; give a level of at least 0.")
+    loss, step, yaws = as_nonnegative(loss, "loss"), as_number(step, "step"), as_count(yaws, "yaws")
     if not math.radians(1.0) <= step <= TURN:
         raise InputError(f"step is {step}; give radians from 0.0175 (1 degree) to 2 pi.")
     apertures = [*(step * i for i in range(1, math.ceil(TURN / step - 1e-9))), TURN]

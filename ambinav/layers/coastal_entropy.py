@@ -58,13 +58,12 @@ from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.reach import reach
 from ambinav.ambiguity.returns import BeamTable, beam_returns
-from ambinav.config import as_number
+from ambinav.config import as_nonnegative
 from ambinav.geometry.lattice import STEPS
 from ambinav.layers.bands import bands
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints, Ints32
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -145,9 +144,7 @@ def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[st
     Raises:
         InputError: `people` is negative or no number.
     """
-    people = as_number(people, "people")
-    if people < 0.0:
-        raise InputError(f"people is {people}; give at least 0 per metre.")
+    people = as_nonnegative(people, "people", "per metre")
     lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(context)

@@ -32,12 +32,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.casting.scans import scan_rays
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.geometry.segments import FRONTIER
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.runtime.array_types import Bools, Floats, Floats32, UInts
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
@@ -100,9 +99,7 @@ def rank_masks(
     Raises:
         InputError: the step is not a positive number.
     """
-    step = as_number(step, "step")
-    if not step > 0.0:
-        raise InputError(f"step is {step}; give a positive number of metres.")
+    step = as_positive(step, "step", "metres")
     x, y = (values.round(DECIMALS) for values in context.points)
     angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
     tolerance = max(context.map_std, FINEST)

@@ -29,7 +29,7 @@ import numpy as np
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.casting.prisms.prisms import Prisms
-from ambinav.config import as_number
+from ambinav.config import as_number, as_positive
 from ambinav.layers.context import LayerContext
 from ambinav.layers.marginal import marginal_radii, prior_deviations
 from ambinav.layers.occupancy import Occupancy, grid_range, occupancy
@@ -127,10 +127,8 @@ def localizability(
         InputError: a number is out of its range.
     """
     place, heading = prior_deviations(context, odometry_std, heading_std)
-    cell = _usual_cell(context) if cell is None else as_number(cell, "cell")
-    step, turn = as_number(step, "step"), as_number(turn, "turn")
-    if not step > 0.0:
-        raise InputError(f"step is {step}; give a positive number of metres.")
+    cell = _usual_cell(context) if cell is None else as_positive(cell, "cell", "metres")
+    step, turn = as_positive(step, "step", "metres"), as_number(turn, "turn")
     if not 0.0 < turn < 1.0:
         raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
     grid = _grid(context, cell)

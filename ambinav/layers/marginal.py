@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.layers.context import LayerContext
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.errors import InputError
 
 
 def marginal_radii(
@@ -51,8 +50,5 @@ def prior_deviations(
         ("odometry_std", odometry_std, 0.5 * context.radius),
         ("heading_std", heading_std, context.model.sigma_theta),
     ):
-        number = usual if value is None else as_number(value, name)
-        if not number > 0.0:
-            raise InputError(f"{name} is {number}; give more than 0.")
-        deviations.append(number)
+        deviations.append(as_positive(usual if value is None else value, name))
     return deviations[0], deviations[1]

@@ -20,6 +20,7 @@ from scipy.ndimage import distance_transform_cdt
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import clearances
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps.lattice_values import bilinear
@@ -71,8 +72,7 @@ def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
     Raises:
         InputError: the cell is no positive number, or so small that the grid is too large.
     """
-    if not (math.isfinite(cell) and cell > 0.0):
-        raise InputError(f"cell is {cell}; give a positive number of metres.")
+    cell = as_positive(cell, "cell", "metres")
     xmin, ymin, xmax, ymax = environment.bounds
     columns, rows = (math.ceil(size / cell) + 4 for size in (xmax - xmin, ymax - ymin))
     if columns * rows > MAX_CELLS:

@@ -37,7 +37,7 @@ import numpy as np
 from ambinav.ambiguity.gaussian import invert
 from ambinav.ambiguity.returns import BEYOND
 from ambinav.casting.plane.fan import scan_plan
-from ambinav.config import as_count, as_number
+from ambinav.config import as_count, as_number, as_positive
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
@@ -94,9 +94,8 @@ def perturbation(
     Raises:
         InputError: a number is out of its range; or the building is a mesh (`cast_tables`).
     """
-    size = context.radius / 2 if displacement is None else as_number(displacement, "displacement")
-    if not size > 0.0:
-        raise InputError(f"displacement is {size}; give a positive number of metres.")
+    size = context.radius / 2 if displacement is None else displacement
+    size = as_positive(size, "displacement", "metres")
     iterations = as_count(iterations, "iterations")
     tau = as_number(tau, "tau")
     if tau < 1.0:

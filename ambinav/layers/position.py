@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -43,8 +43,7 @@ def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> Floats:
     Raises:
         InputError: `views` is not above 0.
     """
-    if not as_number(views, "views") > 0.0:
-        raise InputError(f"views is {views}; give a number of scans above 0.")
+    views = as_positive(views, "views", "a number of scans")
     major, minor, major_radius, minor_radius, direction = (
         np.asarray(amap.dataset[name].values, dtype=np.float64)
         for name in ("major", "minor", "major_radius", "minor_radius", "direction")

@@ -21,12 +21,11 @@ import math
 import numpy as np
 from scipy.signal import oaconvolve
 
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import Layer
 from ambinav.runtime.array_types import Floats, Floats32
-from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 # Metres of wall.
@@ -49,9 +48,7 @@ def wall_normals(context: LayerContext, *, reach: float | None = None) -> dict[s
         InputError: the reach is not a positive number.
     """
     lasers = [sensor.max_range for sensor in context.scanner.sensors if sensor.aperture == 0.0]
-    reach = max(lasers) if reach is None else as_number(reach, "reach")
-    if not reach > 0.0:
-        raise InputError(f"reach is {reach}; give a positive number of metres.")
+    reach = as_positive(max(lasers) if reach is None else reach, "reach", "metres")
     steps = math.floor(reach / context.spacing + 1e-9)
     tensors = wall_tensors(context, steps)
     along = np.arange(-steps, steps + 1) * context.spacing

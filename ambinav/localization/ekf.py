@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_count, as_number
+from ambinav.config import as_count, as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf_update import posterior, refine, scratch_for, tabulate, update_pose
 from ambinav.localization.information import (
@@ -70,9 +70,7 @@ class ExtendedKalmanFilter:
         self.scanner = scanner
         self.odometry = OdometryModel() if odometry is None else odometry
         self.runs = as_count(runs, "runs")
-        self.gate = as_number(gate, "gate")
-        if self.gate <= 0.0:
-            raise InputError(f"gate is {gate}; give standard deviations above 0.")
+        self.gate = as_positive(gate, "gate", "standard deviations")
         self.cast = ray_caster(environment, scanner, np.arange(scanner.beams))
         deviation = as_map_std(environment, map_std)
         self.noise: BeamNoise = beam_noise(environment, scanner, deviation)

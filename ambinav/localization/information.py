@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.config import as_number
+from ambinav.config import as_nonnegative
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.casting import (
@@ -155,10 +155,8 @@ def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
 
 def as_map_std(environment: Environment, map_std: float | None) -> float:
     """Return the given deviation of the walls, or the environment's; `InputError` if negative."""
-    value = environment.map_std if map_std is None else as_number(map_std, "map_std")
-    if value < 0.0:
-        raise InputError(f"map_std is {value}; give at least 0 metres.")
-    return value
+    value = environment.map_std if map_std is None else map_std
+    return as_nonnegative(value, "map_std", "metres")
 
 
 @kernel

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.config import as_number
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.maps.lattice_values import bilinear
 from ambinav.runtime.array_types import Bools, Floats32
@@ -70,10 +70,8 @@ class LikelihoodField:
             InputError: a number is not positive, the lattice would be too large, or there is no
                 wall.
         """
-        step, reach = as_number(resolution, "resolution"), as_number(max_distance, "max_distance")
-        if step <= 0.0 or reach <= 0.0:
-            name, value = ("resolution", step) if step <= 0.0 else ("max_distance", reach)
-            raise InputError(f"{name} is {value}; give metres above 0.")
+        step = as_positive(resolution, "resolution", "metres")
+        reach = as_positive(max_distance, "max_distance", "metres")
         segments = environment.segments
         chosen = segments.walls | frontiers if only is None else only
         xy = segments.xy[chosen]

@@ -18,10 +18,10 @@ from ambinav.config import (
     choice,
     from_mapping,
     integer,
+    require,
 )
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import settings_for
-from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
@@ -150,18 +150,14 @@ class MclParameters:
             )
         check_fields(self)
         most = f"at least min_particles ({self.min_particles})"
-        self._require("max_particles", self.max_particles >= self.min_particles, most)
+        require(self, "max_particles", self.max_particles >= self.min_particles, most)
         # Otherwise one reading that a model calls impossible rejects the whole scan.
         needed = {"likelihood_field_prob": ("z_rand",), "beam_prob": ("z_rand", "z_max")}
         for key in needed.get(self.laser_model_type, ()):
-            self._require(key, getattr(self, key) > 0.0, "more than 0 where beams are multiplied")
+            require(self, key, getattr(self, key) > 0.0, "more than 0 where beams are multiplied")
         slow, fast = self.recovery_alpha_slow, self.recovery_alpha_fast
         low = "at most recovery_alpha_fast, or 0 for both"
-        self._require("recovery_alpha_slow", slow <= fast, low)
-
-    def _require(self, key: str, good: bool, what: str) -> None:
-        if not good:
-            raise InputError(f"{key} is {getattr(self, key)}; give {what}.")
+        require(self, "recovery_alpha_slow", slow <= fast, low)
 
     @property
     def odometry(self) -> OdometryModel:

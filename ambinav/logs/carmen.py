@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_positive
 from ambinav.geometry.frames import between, compose, inverse
 from ambinav.logs.carmen_lines import Damage, Lines, Triple, read_lines
 from ambinav.logs.log import Log
@@ -138,9 +139,7 @@ def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[Floats32
     stated_range = lines.scans[0].shape.max_range
     finite = values[np.isfinite(values)]
     if max_range is not None:
-        if not (math.isfinite(max_range) and max_range > 0.0):
-            raise InputError(f"{path}: max_range is {max_range}; give a positive number of metres.")
-        limit = cut = float(max_range)
+        limit = cut = as_positive(max_range, f"{path}: max_range", "metres")
     elif stated_range > 0.0:
         limit = cut = stated_range
     else:

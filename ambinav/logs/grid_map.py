@@ -10,6 +10,7 @@ import numpy as np
 
 from ambinav.buildings.boundary import MIN_AREA, environment_from_grid
 from ambinav.buildings.map_server import COARSEST, FINEST, FURTHEST, MAX_CELLS
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.logs.log import Log
@@ -74,8 +75,7 @@ def ray_counts(log: Log, resolution: float = RESOLUTION, *, reach: float = REACH
         raise InputError(
             f"resolution is {resolution}; give the edge of a cell, {FINEST:g} to {COARSEST:g} m."
         )
-    if not (math.isfinite(reach) and reach > 0.0):
-        raise InputError(f"reach is {reach}; give a positive number of metres.")
+    reach = as_positive(reach, "reach", "metres")
     poses = log.laser_poses
     seen = np.isfinite(log.ranges)
     where = log.source or log.name

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.config import check_kind
+from ambinav.config import as_positive, check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.frames import compose, wrap_angles
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Indices
@@ -88,8 +88,7 @@ class Log:
             values = getattr(self, key)
             if values is not None and not np.isfinite(values).all():
                 raise InputError(f"{where}: {key} hold a value that is not finite; leave it out.")
-        if not (math.isfinite(self.max_range) and self.max_range > 0.0):
-            raise InputError(f"{where}: max_range is {self.max_range}; give a positive number.")
+        as_positive(self.max_range, f"{where}: max_range", "metres")
         usable = (self.ranges >= 0.0) & (self.ranges < self.max_range) | np.isinf(self.ranges)
         if not usable.all():
             raise InputError(

@@ -11,7 +11,7 @@ import xarray as xr
 
 from ambinav.buildings.flight_levels import flight_levels
 from ambinav.casting.triangles import triangles_of
-from ambinav.config import as_number
+from ambinav.config import as_number, as_positive
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map, reporter
 from ambinav.maps.ambiguity_volume import SURFACES, AmbiguityVolume
@@ -69,9 +69,7 @@ def build_volume(
         raise InputError(
             f"heights is {heights!r}; give two or more that rise in equal steps, in metres."
         )
-    robot_radius = as_number(robot_radius, "robot_radius")
-    if not robot_radius > 0.0:
-        raise InputError(f"robot_radius is {robot_radius}; give a positive number of metres.")
+    robot_radius = as_positive(robot_radius, "robot_radius", "metres")
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
     lift = max(_OVER - float(scanner.upright[:, 0].min()), 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_flat
+from ambinav.config import as_flat, nearest
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
@@ -422,14 +421,11 @@ class AmbiguityMap:
     def _resolve(self, layer: str, has_heading: bool) -> str:
         """Return the variable to read: the `_mean` aggregate if a needed heading is absent."""
         if layer not in self._layers:
-            close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
-            there = ", ".join(sorted({schema.base_name(name) for name in self._layers}))
-            offer = f"there are {there}, and `ambinav map --layers` makes further ones."
-            if close:
-                offer = (
-                    f"did you mean {' or '.join(close)}, or one that `ambinav map --layers` makes?"
-                )
-            raise InputError(f"{layer!r}: the map has no such layer; {offer}")
+            offer = nearest(layer, {schema.base_name(name) for name in self._layers})
+            raise InputError(
+                f"{layer!r}: the map has no such layer; {offer}, or one that "
+                "`ambinav map --layers` makes."
+            )
         if has_heading or "theta" not in self.dataset.variables[layer].dims:
             return layer
         mean = f"{layer}_mean"

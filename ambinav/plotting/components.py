@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, area_text, colour_patch, label_points, rgba_bytes
+from ambinav.plotting.floor import FloorFigure, colour_patch, label_points, rgba_bytes
+from ambinav.reports.number_text import metres2
 from ambinav.runtime.errors import InputError
 
 
@@ -68,7 +69,7 @@ def plot_components(
     floor.paint(picture)
     label_points(floor.axes, [(start[0], start[1], style.START), (goal[0], goal[1], style.GOAL)])
     patches = [
-        colour_patch(colour, f"{text}\n{area_text(float(cells.sum()) * amap.spacing**2)}")
+        colour_patch(colour, f"{text}\n{metres2(float(cells.sum()) * amap.spacing**2)}")
         for colour, text, cells in entries
         if cells.any()
     ]

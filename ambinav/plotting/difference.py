@@ -25,11 +25,11 @@ from ambinav.plotting.floor import (
     colour_patch,
     label_points,
     rgba_bytes,
-    share_text,
     unexplored_patch,
     view,
 )
 from ambinav.plotting.maps import paint_zones
+from ambinav.reports.number_text import percent
 from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 LEAST_SCALE: Final = 0.1
@@ -147,7 +147,7 @@ def _zone_legend(
     entries: list[Artist] = [
         colour_patch(
             style.ZONE_COLOURS[code],
-            f"{name}\n{share_text(shares[0][code].share)} → {share_text(shares[1][code].share)}",
+            f"{name}\n{percent(shares[0][code].share)} → {percent(shares[1][code].share)}",
         )
         for code, name in enumerate(ZONES)
     ]

@@ -32,6 +32,7 @@ from ambinav.plotting.canvas import fit, new_figure, root_figure
 from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
+from ambinav.reports.number_text import metres2
 from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 Pixels = NDArray[np.uint8]
@@ -145,14 +146,14 @@ class FloorFigure:
         """Return legend entries for the floor that does not count, if there is any."""
         patches: list[Artist] = []
         if parts.unexplored.any():
-            area = area_text(parts.area(parts.unexplored))
+            area = metres2(parts.area(parts.unexplored))
             patches.append(unexplored_patch(f"unexplored\n{area}"))
         if parts.unreachable.any():
             label = f"not reachable by a\nrobot of {parts.radius:.2f} m, "
-            label += area_text(parts.area(parts.unreachable))
+            label += metres2(parts.area(parts.unreachable))
             patches.append(colour_patch(style.UNREACHABLE, label))
         if parts.outside.any():
-            label = f"outside of the\nbuilding, {area_text(parts.area(parts.outside))}"
+            label = f"outside of the\nbuilding, {metres2(parts.area(parts.outside))}"
             patches.append(colour_patch(style.UNKNOWN, label))
         return patches
 
@@ -425,13 +426,3 @@ def unexplored_patch(label: str) -> Patch:
         linewidth=0.6,
         label=label,
     )
-
-
-def share_text(share: float) -> str:
-    """Format a share for a legend, rounded as in documents first: both read the same."""
-    return f"{round(share, 4):.0%}"
-
-
-def area_text(area: float) -> str:
-    """Format an area in square metres for a legend."""
-    return f"{area:,.0f} m²" if area >= 10 else f"{area:.1f} m²"

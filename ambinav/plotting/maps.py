@@ -15,17 +15,10 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting import style
-from ambinav.plotting.floor import (
-    LONGEST,
-    FloorFigure,
-    Heading,
-    area_text,
-    colour_patch,
-    rgba_bytes,
-    share_text,
-)
+from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, colour_patch, rgba_bytes
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
+from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 
@@ -67,9 +60,7 @@ def plot_zones(
     if legend:
         shares = zip(amap.zone_shares(heading, parts.counted), style.ZONE_COLOURS, strict=True)
         handles: list[Artist] = [
-            colour_patch(
-                colour, f"{share.zone}\n{share_text(share.share)}, {area_text(share.area)}"
-            )
+            colour_patch(colour, f"{share.zone}\n{percent(share.share)}, {metres2(share.area)}")
             for share, colour in shares
         ]
         handles += floor.part_patches(parts) + floor.outside_patches()

@@ -10,6 +10,8 @@ from pathlib import Path
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ambinav.reports.number_text import FILTERS
+
 
 def fill(
     package: str,
@@ -23,7 +25,8 @@ def fill(
     Args:
         package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
-        filters: Further filters by name, besides `cell`, `moment`, `md` and `list_items`.
+        filters: Further filters by name, besides `cell`, `moment`, `md`, `list_items` and those of
+            `number_text`.
         shared: Package of the templates that it may build on.
         values: Values for the template; a missing one is an error.
     """
@@ -36,7 +39,7 @@ def fill(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    own = {"cell": cell, "moment": moment, "list_items": list_items}
+    own = {**FILTERS, "cell": cell, "moment": moment, "list_items": list_items}
     # In a page all values are escaped already, also in parts that are Markdown.
     templates.filters.update({**own, "md": str if is_html else escape_cell, **filters})
     return templates.get_template(template).render(**values)

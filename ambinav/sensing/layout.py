@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from ambinav.config import as_count, as_degrees, as_number
+from ambinav.config import Count, NonNegative, Number, check_fields, row
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.intensity import Intensity
@@ -16,17 +16,14 @@ from ambinav.sensing.mounting import (
     CENTRE,
     LEVEL,
     TURN,
+    Angle,
+    Elevation,
     Mount,
-    as_elevation,
-    as_mount,
-    as_turn,
+    Turn,
     beams_for_aperture,
     directed,
     divisor,
     fan_angles,
-    plain_mount,
-    plain_tilt,
-    set_pose,
     thinned_fan,
 )
 from ambinav.sensing.sensor import RangeSensor
@@ -50,18 +47,16 @@ class Planar(AtPoint):
         roll: Radians about x, applied first.
     """
 
-    beams: int
-    aperture: float
+    beams: Count
+    aperture: Turn
     mount: Mount = CENTRE
-    z: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
+    z: Number = 0.0
+    pitch: Elevation = 0.0
+    roll: Angle = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
-        object.__setattr__(self, "beams", as_count(self.beams, "beams"))
-        set_pose(self)
-        object.__setattr__(self, "aperture", as_turn(self.aperture))
+        check_fields(self)
 
     @property
     def level(self) -> bool:
@@ -117,15 +112,6 @@ class Planar(AtPoint):
         beams, aperture = thinned_fan(self.beams, self.aperture, most)
         return replace(self, beams=beams, aperture=aperture)
 
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        plain: dict[str, object] = {
-            "beams": self.beams,
-            "aperture_deg": as_degrees(self.aperture),
-            "mount": plain_mount(self.mount),
-        }
-        return {"planar": plain | plain_tilt(self.z, self.pitch, self.roll)}
-
 
 @dataclass(frozen=True)
 class Ring:
@@ -138,19 +124,14 @@ class Ring:
         z: Metres above the floor.
     """
 
-    count: int
-    radius: float
-    start: float = 0.0
-    z: float = 0.0
+    count: Count
+    radius: NonNegative
+    start: Angle = 0.0
+    z: Number = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
-        object.__setattr__(self, "count", as_count(self.count, "count"))
-        object.__setattr__(self, "radius", as_number(self.radius, "radius"))
-        object.__setattr__(self, "start", as_number(self.start, "start"))
-        object.__setattr__(self, "z", as_number(self.z, "z"))
-        if self.radius < 0:
-            raise InputError(f"radius is {self.radius}; give at least 0 metres.")
+        check_fields(self)
 
     def mounts(self) -> Floats:
         """Return x, y, yaw of each beam, shape (count, 3)."""
@@ -181,14 +162,8 @@ class Ring:
             return self
         return replace(self, count=divisor(self.count, most) or most)
 
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        plain: dict[str, object] = {
-            "count": self.count,
-            "radius": self.radius,
-            "start_deg": as_degrees(self.start),
-        }
-        return {"ring": plain | plain_tilt(self.z, 0.0, 0.0)}
+
+Upright: TypeAlias = Annotated[tuple[Number, Elevation], row(2, "give z and elevation")]
 
 
 @dataclass(frozen=True)
@@ -201,20 +176,20 @@ class Mounts:
     """
 
     each: tuple[Mount, ...]
-    raised: tuple[tuple[float, float], ...] = ()
+    raised: tuple[Upright, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the mounts; raises `InputError`."""
-        object.__setattr__(self, "each", tuple(as_mount(mount) for mount in self.each))
+        check_fields(self)
         if not self.each:
             raise InputError("mounts is empty; list at least one [x, y, yaw].")
-        raised = tuple((as_number(z, "z"), as_elevation(e, "elevation")) for z, e in self.raised)
-        if raised and len(raised) != len(self.each):
+        if self.raised and len(self.raised) != len(self.each):
             raise InputError(
-                f"mounts lists {len(self.each)} beams and {len(raised)} heights; give one of each "
-                "a beam."
+                f"mounts lists {len(self.each)} beams and {len(self.raised)} heights; give one of "
+                "each a beam."
             )
-        object.__setattr__(self, "raised", raised if set(raised) - {LEVEL} else ())
+        if not set(self.raised) - {LEVEL}:
+            object.__setattr__(self, "raised", ())
 
     @classmethod
     def of(cls, mounts: Floats, upright: Floats) -> Mounts:
@@ -261,14 +236,6 @@ class Mounts:
             chosen = np.rint(np.linspace(0, number - 1, most)).astype(np.intp)
         kept_beams = np.sort(order[chosen])
         return Mounts.of(self.mounts()[kept_beams], self.upright()[kept_beams])
-
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        each = [plain_mount(mount) for mount in self.each]
-        if self.raised:
-            up = [[z, as_degrees(elevation)] for z, elevation in self.raised]
-            each = [row + more for row, more in zip(each, up, strict=True)]
-        return {"mounts": each}
 
 
 Layout: TypeAlias = Planar | Ring | Mounts | Layers | Camera | Tilting

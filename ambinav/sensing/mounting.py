@@ -3,77 +3,53 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, TypeAlias
+from collections.abc import Callable
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
+from pydantic import AfterValidator
 
 from ambinav.casting.space import SpaceRays
-from ambinav.config import as_degrees, as_number, as_numbers
+from ambinav.config import FaultError, Number, row, some_numbers
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
-Mount: TypeAlias = tuple[float, float, float]
-"""x and y in metres and yaw in radians, robot frame."""
-
 TURN = 2.0 * math.pi
-CENTRE: Mount = (0.0, 0.0, 0.0)
 LEVEL = (0.0, 0.0)
 """z and elevation of a beam in the plane."""
 STEEPEST = math.pi / 2
 
 
-def as_mount(value: object) -> Mount:
-    """Return a mount with checked numbers; raises `InputError`."""
-    numbers = as_numbers(value, "mount")
-    if len(numbers) != 3:
-        raise InputError(f"mount is {value!r}; give x, y and yaw.")
-    return numbers[0], numbers[1], numbers[2]
+def _angle(allowed: Callable[[float], bool], wish: str) -> AfterValidator:
+    """Return a validator of radians; its message is in degrees."""
+
+    def check(angle: float) -> float:
+        if not allowed(angle):
+            raise FaultError(f"is {math.degrees(angle):g} degrees; {wish}")
+        return angle
+
+    return AfterValidator(check)
 
 
-def plain_mount(mount: Mount) -> list[float]:
-    """Return the YAML form of a mount: yaw in degrees."""
-    return [mount[0], mount[1], as_degrees(mount[2])]
+NOT_BEYOND_VERTICAL: Final = _angle(
+    lambda a: abs(a) <= STEEPEST + 1e-12, "give -90 to 90 (in Python -pi/2 to pi/2 radians)"
+)
+Angle: TypeAlias = Annotated[Number, "radians"]
+Turn: TypeAlias = Annotated[
+    Number, _angle(lambda a: 0.0 <= a <= TURN + 1e-9, "give 0 to 360 (in Python 0 to 2 pi radians)")
+]
+"""Opening angle of a fan, radians."""
+Elevation: TypeAlias = Annotated[Number, NOT_BEYOND_VERTICAL]
+"""Angle from the horizontal, radians."""
+Elevations: TypeAlias = Annotated[tuple[Elevation, ...], some_numbers]
+FieldOfView: TypeAlias = Annotated[
+    Number, _angle(lambda a: 0.0 <= a < math.pi, "a camera sees less than 180")
+]
+"""Of a pinhole camera, radians."""
+Mount: TypeAlias = Annotated[tuple[Number, Number, Angle], row(3, "give x, y and yaw")]
+"""x and y in metres and yaw in radians, robot frame."""
 
-
-def as_elevation(value: object, where: str) -> float:
-    """Return a checked angle above the horizon, radians; `InputError` beyond vertical."""
-    angle = as_number(value, where)
-    if not abs(angle) <= STEEPEST + 1e-12:
-        raise InputError(
-            f"{where} is {math.degrees(angle):g} degrees; give -90 to 90 (in Python -pi/2 to pi/2 "
-            "radians)."
-        )
-    return angle
-
-
-def as_turn(value: object) -> float:
-    """Return a fan's checked opening angle, radians; `InputError` beyond a turn."""
-    aperture = as_number(value, "aperture")
-    if not 0 <= aperture <= TURN + 1e-9:
-        raise InputError(
-            f"aperture is {math.degrees(aperture):g} degrees; give 0 to 360 (in Python 0 to 2 pi "
-            "radians)."
-        )
-    return aperture
-
-
-def set_pose(layout: Any) -> None:
-    """Convert mount, z, pitch and roll of a frozen layout to their types; raises `InputError`."""
-    pose = {
-        "mount": as_mount(layout.mount),
-        "z": as_number(layout.z, "z"),
-        "pitch": as_elevation(layout.pitch, "pitch"),
-        "roll": as_number(layout.roll, "roll"),
-    }
-    for name, value in pose.items():
-        object.__setattr__(layout, name, value)
-
-
-def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:
-    """Return the YAML form of height, pitch and roll that are not 0, angles in degrees."""
-    plain = {"z": z, "pitch_deg": as_degrees(pitch), "roll_deg": as_degrees(roll)}
-    return {key: value for key, value in plain.items() if value != 0.0}
-
+CENTRE: Mount = (0.0, 0.0, 0.0)
 
 HORIZONTAL: Final = 1e-12
 """A beam whose elevation is less than this many radians is horizontal."""

@@ -21,23 +21,21 @@ parts:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Annotated, Any, NamedTuple
+from dataclasses import MISSING, fields, replace
+from functools import cache
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import yaml
-from pydantic import BeforeValidator, InstanceOf, TypeAdapter, model_validator
+from pydantic import BeforeValidator, InstanceOf, TypeAdapter, create_model, model_validator
 
 from ambinav.config import (
     ConfigModel,
-    Count,
     Degrees,
     MountDegrees,
     Number,
-    Numbers,
-    Switch,
     Text,
+    as_degrees,
     check_keys,
     checked,
     fault,
@@ -45,12 +43,22 @@ from ambinav.config import (
     of_mapping,
     parse_yaml,
     row,
+    some_numbers,
 )
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import SCANNER, kind_of, refuse
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.layout import Layout, Mounts, Part, Planar, Ring
-from ambinav.sensing.mounting import CENTRE, LEVEL
+from ambinav.sensing.mounting import (
+    LEVEL,
+    NOT_BEYOND_VERTICAL,
+    Angle,
+    Elevation,
+    Elevations,
+    FieldOfView,
+    Mount,
+    Turn,
+)
 from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.space_layout import Camera, Layers
@@ -70,101 +78,77 @@ class ScannerText(NamedTuple):
     robot_radius: float | None
 
 
-_MOUNTS = TypeAdapter(tuple[MountDegrees, ...])
-_UPRIGHT = TypeAdapter(
+_MOUNTS = TypeAdapter(
     tuple[
         Annotated[
-            tuple[Number, Degrees],
-            row(2, "give three numbers [x, y, yaw_deg], or five [x, y, yaw_deg, z, elevation_deg]"),
+            tuple[Number, Number, Degrees, Number, Annotated[Degrees, NOT_BEYOND_VERTICAL]],
+            row(5, "give three numbers [x, y, yaw_deg], or five [x, y, yaw_deg, z, elevation_deg]"),
         ],
         ...,
     ]
 )
+_IN_DEGREES: dict[Any, Any] = {
+    **dict.fromkeys((Angle, Turn, Elevation, FieldOfView), Degrees),
+    Elevations: Annotated[tuple[Degrees, ...], some_numbers],
+}
+"""Types of a layout's angles in a file, where their keys end in `_deg`."""
+_LEFT_OUT = ("staggered", "z", "pitch", "roll")
+"""Fields that are not written where they have their default."""
 
 
-class _MountedModel(ConfigModel):
-    mount: MountDegrees = CENTRE
-    z: Number = 0.0
-    pitch_deg: Degrees = 0.0
-    roll_deg: Degrees = 0.0
-
-    @property
-    def mounted(self) -> tuple[tuple[float, float, float], float, float, float]:
-        """Mount, z, pitch and roll."""
-        return self.mount, self.z, self.pitch_deg, self.roll_deg
-
-
-class _PlanarModel(_MountedModel):
-    beams: Count
-    aperture_deg: Degrees
+@cache
+def _model(kind: Any) -> type[ConfigModel]:
+    """Return the model of a layout's mapping in a file: its fields in their order."""
+    hints = get_type_hints(kind, include_extras=True)
+    known: dict[str, Any] = {}
+    for field in fields(kind):
+        hint = hints[field.name]
+        key = f"{field.name}_deg" if hint in _IN_DEGREES else field.name
+        in_file = MountDegrees if hint == Mount else _IN_DEGREES.get(hint, hint)
+        known[key] = in_file, ... if field.default is MISSING else field.default
+    return create_model(kind.__name__, __base__=ConfigModel, **known)
 
 
-class _RingModel(ConfigModel):
-    count: Count
-    radius: Number
-    start_deg: Degrees = 0.0
-    z: Number = 0.0
+def layout_of(kind: Any, plain: object) -> Layout:
+    """Make a layout of a class from its value in a file, where angles are degrees."""
+    if kind is Mounts:
+        return _mounts(plain)
+    layout: Layout = kind(*(value for _, value in _model(kind).model_validate(plain)))
+    return layout
 
 
-class _LayersModel(_MountedModel):
-    columns: Count
-    aperture_deg: Degrees
-    elevation_deg: Numbers
-    staggered: Switch = False
+def plain_of(layout: Layout) -> dict[str, object]:
+    """Return a layout's key in a file, the lower-case name of its class, and its value."""
+    if isinstance(layout, Mounts):
+        up = [[z, as_degrees(elevation)] for z, elevation in layout.raised]
+        rows = zip(layout.each, up or [[]] * len(layout.each), strict=True)
+        return {"mounts": [_plain_mount(mount) + raised for mount, raised in rows]}
+    kind: Any = type(layout)
+    plain: dict[str, object] = {}
+    for key, field in zip(_model(kind).model_fields, fields(kind), strict=True):
+        value = getattr(layout, field.name)
+        if field.name in _LEFT_OUT and value == field.default:
+            continue
+        if field.name == "mount":
+            value = _plain_mount(value)
+        elif key != field.name:
+            value = [*map(as_degrees, value)] if isinstance(value, tuple) else as_degrees(value)
+        plain[key] = value
+    return {kind.__name__.lower(): plain}
 
 
-class _TiltingModel(ConfigModel):
-    beams: Count
-    aperture_deg: Degrees
-    pitch_deg: Numbers
-    mount: MountDegrees = CENTRE
-    z: Number = 0.0
-
-
-class _CameraModel(_MountedModel):
-    columns: Count
-    rows: Count
-    horizontal_deg: Degrees
-    vertical_deg: Degrees
-
-
-def _planar(plain: object) -> Planar:
-    model = _PlanarModel.model_validate(plain)
-    return Planar(model.beams, model.aperture_deg, *model.mounted)
-
-
-def _ring(plain: object) -> Ring:
-    model = _RingModel.model_validate(plain)
-    return Ring(model.count, model.radius, model.start_deg, model.z)
+def _plain_mount(mount: Mount) -> list[float]:
+    """Return the YAML form of a mount: yaw in degrees."""
+    return [mount[0], mount[1], as_degrees(mount[2])]
 
 
 def _mounts(plain: object) -> Mounts:
     if not isinstance(plain, list):
         raise fault(plain, "give a list of [x, y, yaw_deg]")
-    long = [isinstance(row, list) and len(row) == 5 for row in plain]
-    each = [row[:3] if is_long else row for row, is_long in zip(plain, long, strict=True)]
-    if not any(long):
-        return Mounts(_MOUNTS.validate_python(each))
-    up = [row[3:] if is_long else LEVEL for row, is_long in zip(plain, long, strict=True)]
-    return Mounts(_MOUNTS.validate_python(each), _UPRIGHT.validate_python(up))
-
-
-def _layers(plain: object) -> Layers:
-    model = _LayersModel.model_validate(plain)
-    elevation = tuple(math.radians(angle) for angle in model.elevation_deg)
-    return Layers(model.columns, model.aperture_deg, elevation, model.staggered, *model.mounted)
-
-
-def _tilting(plain: object) -> Tilting:
-    model = _TiltingModel.model_validate(plain)
-    pitch = tuple(math.radians(angle) for angle in model.pitch_deg)
-    return Tilting(model.beams, model.aperture_deg, pitch, model.mount, model.z)
-
-
-def _camera(plain: object) -> Camera:
-    model = _CameraModel.model_validate(plain)
-    fields = model.columns, model.rows, model.horizontal_deg, model.vertical_deg
-    return Camera(*fields, *model.mounted)
+    rows = _MOUNTS.validate_python(
+        [[*row, *LEVEL] if isinstance(row, list) and len(row) == 3 else row for row in plain]
+    )
+    return Mounts(tuple(row[:3] for row in rows), tuple(row[3:] for row in rows))
 
 
 def _sensor(plain: object) -> RangeSensor:
@@ -182,14 +166,18 @@ def _sensor(plain: object) -> RangeSensor:
     return kinds.pop()
 
 
+def _reader(kind: type[Layout]) -> BeforeValidator:
+    return BeforeValidator(lambda plain: layout_of(kind, plain))
+
+
 class _PartModel(ConfigModel):
     sensor: Annotated[InstanceOf[RangeSensor], BeforeValidator(_sensor)]
-    planar: Annotated[InstanceOf[Planar] | None, BeforeValidator(_planar)] = None
-    ring: Annotated[InstanceOf[Ring] | None, BeforeValidator(_ring)] = None
-    mounts: Annotated[InstanceOf[Mounts] | None, BeforeValidator(_mounts)] = None
-    layers: Annotated[InstanceOf[Layers] | None, BeforeValidator(_layers)] = None
-    tilting: Annotated[InstanceOf[Tilting] | None, BeforeValidator(_tilting)] = None
-    camera: Annotated[InstanceOf[Camera] | None, BeforeValidator(_camera)] = None
+    planar: Annotated[InstanceOf[Planar] | None, _reader(Planar)] = None
+    ring: Annotated[InstanceOf[Ring] | None, _reader(Ring)] = None
+    mounts: Annotated[InstanceOf[Mounts] | None, _reader(Mounts)] = None
+    layers: Annotated[InstanceOf[Layers] | None, _reader(Layers)] = None
+    tilting: Annotated[InstanceOf[Tilting] | None, _reader(Tilting)] = None
+    camera: Annotated[InstanceOf[Camera] | None, _reader(Camera)] = None
     intensity: Annotated[InstanceOf[Intensity], of_mapping(Intensity)] | None = None
 
     @model_validator(mode="before")
@@ -265,7 +253,5 @@ def render_scanner(
     plain = {key: value for key, value in plain.items() if value}
     if robot_radius is not None:
         plain["robot_radius"] = robot_radius
-    plain["parts"] = [
-        {"sensor": part.sensor.to_plain(), **part.layout.to_plain()} for part in parts
-    ]
+    plain["parts"] = [{"sensor": part.sensor.to_plain(), **plain_of(part.layout)} for part in parts]
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None)

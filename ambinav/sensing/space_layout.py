@@ -9,21 +9,21 @@ from typing import Self
 
 import numpy as np
 
-from ambinav.config import as_count, as_degrees, as_number
+from ambinav.config import Count, Number, Switch, check_fields
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
     TURN,
+    Angle,
+    Elevation,
+    Elevations,
+    FieldOfView,
     Mount,
-    as_elevation,
-    as_turn,
+    Turn,
     beams_for_aperture,
     directed,
     fan_angles,
-    plain_mount,
-    plain_tilt,
-    set_pose,
     thinned_fan,
 )
 
@@ -89,29 +89,23 @@ class Layers(AtPoint, InSpace):
         roll: Radians about x, applied first.
     """
 
-    columns: int
-    aperture: float
-    elevation: tuple[float, ...]
-    staggered: bool = False
+    columns: Count
+    aperture: Turn
+    elevation: Elevations
+    staggered: Switch = False
     mount: Mount = CENTRE
-    z: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
+    z: Number = 0.0
+    pitch: Elevation = 0.0
+    roll: Angle = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
-        object.__setattr__(self, "columns", as_count(self.columns, "columns"))
-        object.__setattr__(self, "aperture", as_turn(self.aperture))
-        given = tuple(as_elevation(e, f"elevation[{i}]") for i, e in enumerate(self.elevation))
-        if not given:
-            raise InputError("elevation is empty; list that of each layer.")
-        if self.staggered and self.columns % len(given):
+        check_fields(self)
+        if self.staggered and self.columns % len(self.elevation):
             raise InputError(
-                f"columns is {self.columns} and there are {len(given)} elevations; give a multiple "
-                "of them where layers are staggered."
+                f"columns is {self.columns} and there are {len(self.elevation)} elevations; give a "
+                "multiple of them where layers are staggered."
             )
-        object.__setattr__(self, "elevation", given)
-        set_pose(self)
 
     @property
     def vertical_aperture(self) -> float:
@@ -155,18 +149,6 @@ class Layers(AtPoint, InSpace):
             columns, aperture = most // rows * rows, self.aperture
         return replace(self, columns=columns, aperture=aperture, elevation=kept)
 
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        plain: dict[str, object] = {
-            "columns": self.columns,
-            "aperture_deg": as_degrees(self.aperture),
-            "elevation_deg": [as_degrees(angle) for angle in self.elevation],
-        }
-        if self.staggered:
-            plain["staggered"] = True
-        plain["mount"] = plain_mount(self.mount)
-        return {"layers": plain | plain_tilt(self.z, self.pitch, self.roll)}
-
 
 @dataclass(frozen=True)
 class Camera(AtPoint, InSpace):
@@ -183,27 +165,18 @@ class Camera(AtPoint, InSpace):
         roll: Radians about x, applied first.
     """
 
-    columns: int
-    rows: int
-    horizontal: float
-    vertical: float
+    columns: Count
+    rows: Count
+    horizontal: FieldOfView
+    vertical: FieldOfView
     mount: Mount = CENTRE
-    z: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
+    z: Number = 0.0
+    pitch: Elevation = 0.0
+    roll: Angle = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
-        for name in ("columns", "rows"):
-            object.__setattr__(self, name, as_count(getattr(self, name), name))
-        for name in ("horizontal", "vertical"):
-            angle = as_number(getattr(self, name), name)
-            if not 0.0 <= angle < math.pi:
-                raise InputError(
-                    f"{name} is {math.degrees(angle):g} degrees; a camera sees less than 180."
-                )
-            object.__setattr__(self, name, angle)
-        set_pose(self)
+        check_fields(self)
 
     @property
     def full_circle(self) -> bool:
@@ -235,17 +208,6 @@ class Camera(AtPoint, InSpace):
         rows = max(min(round(math.sqrt(most * share)), self.rows, most), 1)
         columns = min(most // rows, self.columns)
         return replace(self, columns=columns, rows=rows)
-
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        plain: dict[str, object] = {
-            "columns": self.columns,
-            "rows": self.rows,
-            "horizontal_deg": as_degrees(self.horizontal),
-            "vertical_deg": as_degrees(self.vertical),
-            "mount": plain_mount(self.mount),
-        }
-        return {"camera": plain | plain_tilt(self.z, self.pitch, self.roll)}
 
 
 def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[float, ...]:

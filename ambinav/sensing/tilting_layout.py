@@ -6,20 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ambinav.config import as_count, as_degrees, as_number
+from ambinav.config import Count, Number, check_fields
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
+    Elevations,
     Mount,
-    as_elevation,
-    as_mount,
-    as_turn,
+    Turn,
     beams_for_aperture,
     directed,
     fan_angles,
-    plain_mount,
-    plain_tilt,
     thinned_fan,
 )
 from ambinav.sensing.space_layout import AtPoint, InSpace, kept_rows
@@ -40,22 +36,15 @@ class Tilting(AtPoint, InSpace):
         z: Metres above the floor.
     """
 
-    beams: int
-    aperture: float
-    pitch: tuple[float, ...]
+    beams: Count
+    aperture: Turn
+    pitch: Elevations
     mount: Mount = CENTRE
-    z: float = 0.0
+    z: Number = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
-        object.__setattr__(self, "beams", as_count(self.beams, "beams"))
-        object.__setattr__(self, "aperture", as_turn(self.aperture))
-        given = tuple(as_elevation(pitch, f"pitch[{i}]") for i, pitch in enumerate(self.pitch))
-        if not given:
-            raise InputError("pitch is empty; list that of each fan.")
-        object.__setattr__(self, "pitch", given)
-        object.__setattr__(self, "mount", as_mount(self.mount))
-        object.__setattr__(self, "z", as_number(self.z, "z"))
+        check_fields(self)
 
     @property
     def vertical_aperture(self) -> float:
@@ -84,13 +73,3 @@ class Tilting(AtPoint, InSpace):
         kept = kept_rows(self.pitch, self.aperture, most)
         beams, aperture = thinned_fan(self.beams, self.aperture, most // len(kept))
         return replace(self, beams=beams, aperture=aperture, pitch=kept)
-
-    def to_plain(self) -> dict[str, object]:
-        """Return the YAML form."""
-        plain: dict[str, object] = {
-            "beams": self.beams,
-            "aperture_deg": as_degrees(self.aperture),
-            "pitch_deg": [as_degrees(angle) for angle in self.pitch],
-            "mount": plain_mount(self.mount),
-        }
-        return {"tilting": plain | plain_tilt(self.z, 0.0, 0.0)}

@@ -15,7 +15,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_flat, as_number
+from ambinav.config import as_flat, as_nonnegative, as_number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
@@ -133,7 +133,7 @@ class Client(AmbiguityService):
         self._layers = {layer_info["name"]: layer_info for layer_info in self.info["layers"]}
         if self.layer not in self._layers:
             raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
-        self.weight = _weight(weight)
+        self.weight = as_nonnegative(weight, "weight")
         self.power, self.clearance_weight, self.comfort = 1.0, 0.0, 0.5
         self.preferred, self.outside_weight, self.plain = None, 1.0, None
         self._base: list[AmbiguityService] = []  # shared by all weights
@@ -198,7 +198,7 @@ class Client(AmbiguityService):
             return self
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other.weight = _weight(weight)
+        other.weight = as_nonnegative(weight, "weight")
         other.__dict__.pop("density", None)
         return other
 
@@ -409,13 +409,6 @@ class _BusyError(Exception):
 
 def _no_server(url: str) -> str:
     return f"{url}: this is not an ambinav server; give the address that `ambinav serve` prints."
-
-
-def _weight(weight: float) -> float:
-    number = as_number(weight, "weight")
-    if not (number >= 0.0 and math.isfinite(number)):
-        raise InputError(f"weight is {number}; give a number of at least 0.")
-    return number
 
 
 def _again(

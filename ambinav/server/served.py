@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from ambinav.config import nearest
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import map_digest
@@ -244,22 +244,15 @@ class ServedMaps:
                 field="id",
             )
         if served is None:
-            raise Problem(404, f"There is no map {name!r}; {offer(name, self._maps)}.", field="id")
+            raise Problem(
+                404, f"There is no map {name!r}; {nearest(name, self._maps)}.", field="id"
+            )
         return served
 
 
 def slug(text: str) -> str:
     """Convert a text to a name for addresses: lower-case letters, digits and single dashes."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "map"
-
-
-def offer(name: str, known: Iterable[str]) -> str:
-    """Suggest names in place of an unknown one."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    if close:
-        return f"did you mean {' or '.join(close)}?".rstrip("?")
-    return f"there are {', '.join(names)}" if names else "there are none"
 
 
 def layer_kind(layer: str) -> str:
@@ -290,7 +283,7 @@ def check_layer(amap: AmbiguityMap, layer: str) -> None:
     """Raise a Problem unless the map has the layer."""
     if layer not in amap.layers:
         raise Problem(
-            404, f"The map has no layer {layer!r}; {offer(layer, amap.layers)}.", field="layer"
+            404, f"The map has no layer {layer!r}; {nearest(layer, amap.layers)}.", field="layer"
         )
 
 

@@ -8,6 +8,7 @@ comes out does not depend on a step.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,34 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import slopes_at, value_at, values_at
 from ambinav.runtime.array_types import Bools, Floats, Floats32, Ints, Ints32
+from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 from ambinav.service.motion import motion_integrals
+
+
+def check_cost(layer: str, attrs: Mapping[Any, Any], values: Floats32) -> None:
+    """Check that a layer can be a cost.
+
+    Args:
+        layer: Its name.
+        attrs: Its attributes, see `schema`.
+        values: Its values where a robot can be.
+
+    Raises:
+        InputError: it is high where a robot is well localized, or has a value below 0 or one that
+            is not finite.
+    """
+    if attrs.get("worse") == "low" or attrs.get("better") == "high":
+        raise InputError(
+            f"layer {layer!r} is high where a robot is well localized; a cost needs one that is "
+            "high where it is not, such as level."
+        )
+    for value in (values.min(), values.max()):
+        if not 0.0 <= value < np.inf:
+            raise InputError(
+                f"layer {layer!r} holds {value:g}; a cost needs a layer that is finite and never "
+                "below 0, such as level."
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,14 +12,14 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_arrays, as_number
+from ambinav.config import as_arrays, as_nonnegative, as_positive
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-from ambinav.service.field import Field, nearest_possible
+from ambinav.service.field import Field, check_cost, nearest_possible
 from ambinav.service.motion import motion_integrals
 
 
@@ -74,24 +74,15 @@ class AmbiguityService:
         preferred: BaseGeometry | None = None,
         outside_weight: float = 1.0,
     ) -> None:
-        weight = _amount(weight, "weight")
-        outside_weight = _amount(outside_weight, "outside_weight")
-        clearance_weight = _amount(clearance_weight, "clearance_weight")
-        power, comfort = as_number(power, "power"), as_number(comfort, "comfort")
-        for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
-            if not number > 0.0:
-                raise InputError(f"{name} is {number}; give a number{unit} above 0.")
+        weight = as_nonnegative(weight, "weight")
+        outside_weight = as_nonnegative(outside_weight, "outside_weight")
+        clearance_weight = as_nonnegative(clearance_weight, "clearance_weight")
+        power, comfort = as_positive(power, "power"), as_positive(comfort, "comfort", "metres")
         if layer is None:
             layer = amap.cost_layer
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is not an amount; a cost needs one, such as level.")
-        attrs = amap.dataset[layer].attrs
-        if attrs.get("worse") == "low" or attrs.get("better") == "high":
-            raise InputError(
-                f"layer {layer!r} is high where a robot is well localized; a cost needs one that "
-                "is high where it is not, such as level."
-            )
         self.map = amap
         self.layer = layer
         self.weight = weight
@@ -101,16 +92,7 @@ class AmbiguityService:
         self.preferred = preferred
         self.outside_weight = outside_weight
         self.ambiguity = Field.of(amap, layer)
-        least, most = float(self.ambiguity.values.min()), float(self.ambiguity.values.max())
-        if not math.isfinite(most):
-            raise InputError(
-                f"layer {layer!r} holds {most:g}; a cost needs a layer that is finite."
-            )
-        if not least >= 0.0:
-            raise InputError(
-                f"layer {layer!r} holds {least:g}; a cost needs a layer with values from 0 on, "
-                "such as level."
-            )
+        check_cost(layer, amap.dataset[layer].attrs, self.ambiguity.values)
         with np.errstate(over="ignore"):  # said below
             graded = self.ambiguity.values ** np.float32(power)
         self.graded = replace(self.ambiguity, values=graded)
@@ -281,7 +263,7 @@ class AmbiguityService:
         if weight == self.weight:
             return self
         other = copy(self)
-        other.weight = _amount(weight, "weight")
+        other.weight = as_nonnegative(weight, "weight")
         other.density = other._weighed()
         return other
 
@@ -384,13 +366,6 @@ def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
     """Integrate a field along a route."""
     route = checked_poses(poses, "poses")
     return float(_motions(field, route[:-1], route[1:], steering or Steering("se2")).sum())
-
-
-def _amount(value: float, name: str) -> float:
-    number = as_number(value, name)
-    if not number >= 0.0:
-        raise InputError(f"{name} is {number}; give a number of at least 0.")
-    return number
 
 
 def _flat(**values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:

@@ -8,11 +8,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_flat, as_number
+from ambinav.config import as_flat, as_nonnegative
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.array_types import Floats, Floats32
 from ambinav.runtime.errors import InputError
+from ambinav.service.field import check_cost
 from ambinav.service.motion import integral_in_space
 
 
@@ -45,30 +46,24 @@ class VolumeService:
     ) -> None:
         from scipy.ndimage import distance_transform_edt
 
-        self.weight = as_number(weight, "weight")
-        if not self.weight >= 0.0:
-            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
+        self.weight = as_nonnegative(weight, "weight")
         self.volume = volume
         self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
-        attrs = volume.dataset[self.layer].attrs
-        if attrs.get("worse") == "low" or attrs.get("better") == "high":
-            raise InputError(
-                f"layer {self.layer!r} is high where a robot is well localized; a cost needs one "
-                "that is high where it is not, such as level."
-            )
         known = volume.free & ~np.isnan(volume.dataset[self.layer].values)
         nearest = distance_transform_edt(
             ~known, (volume.step, volume.spacing, volume.spacing),
             return_distances=False, return_indices=True,
         )  # fmt: skip
         layer_values = volume.dataset[self.layer].values[tuple(nearest)]
-        density = 1.0 + self.weight * layer_values.astype(np.float64)
-        if not (np.isfinite(density).all() and density.min() >= 1.0):
+        check_cost(self.layer, volume.dataset[self.layer].attrs, layer_values)
+        with np.errstate(over="ignore"):
+            density = (1.0 + self.weight * layer_values.astype(np.float64)).astype(np.float32)
+        if not np.isfinite(density).all():
             raise InputError(
-                f"layer {self.layer!r} holds values that are negative or not finite; a cost needs "
-                "one with values from 0 on, such as level."
+                f"weight {self.weight:g} makes costs of layer {self.layer!r} that are not finite; "
+                "give a smaller one."
             )
-        self.density = np.ascontiguousarray(density.transpose(1, 2, 0), dtype=np.float32)
+        self.density = np.ascontiguousarray(density.transpose(1, 2, 0))
         self._free = np.ascontiguousarray(volume.free.transpose(1, 2, 0))
         x, y, z = (float(volume.dataset[name].values[0]) for name in ("x", "y", "z"))
         self._origin = x, y, z

@@ -24,6 +24,7 @@ from ambinav.config import (
     nearest,
     number,
     of_mapping,
+    require,
     row,
 )
 from ambinav.drive.localizer_spec import LOCALIZERS as ALL_LOCALIZERS
@@ -318,9 +319,9 @@ class NavigationParameters:
             self._set("mcl", {**settings_for(self.scanner, mcl.get("laser_model_type")), **mcl})
             check_fields(self)
         low, high = self.obstacle_sizes
-        self._require("obstacle_sizes", low <= high, "the least and the greatest edge")
+        require(self, "obstacle_sizes", low <= high, "the least and the greatest edge")
         low, high = self.kidnap_seconds
-        self._require("kidnap_seconds", low <= high, "the first and the last moment")
+        require(self, "kidnap_seconds", low <= high, "the first and the last moment")
         end = self.max_steps * self.dt
         if self.kidnapped and low >= end:
             raise InputError(
@@ -328,9 +329,9 @@ class NavigationParameters:
                 "that nobody is kidnapped; give earlier moments or more max_steps."
             )
         most = MOST_LATE * self.dt
-        self._require("pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
+        require(self, "pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
         low, high = self.detour
-        self._require("detour", 1.0 < low <= high, "two numbers above 1, the second not less")
+        require(self, "detour", 1.0 < low <= high, "two numbers above 1, the second not less")
         if self.belief and self.discrete:
             raise InputError("belief is true and discrete too; a belief takes continuous actions.")
         for name in ("start_unknown", "start_aliases"):
@@ -341,15 +342,15 @@ class NavigationParameters:
                     f"estimate; give localizer={GLOBAL[0]!r}."
                 )
         low, high = self.start_prior
-        self._require("start_prior", 0.0 < low <= high < 1.0, "two probabilities between 0 and 1")
+        require(self, "start_prior", 0.0 < low <= high < 1.0, "two probabilities between 0 and 1")
         speed = self.robot.max_speed
-        self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
-        self._require(
-            "longest", self.longest > self.shortest, f"more than shortest, {self.shortest:g}"
+        require(self, "min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
+        require(
+            self, "longest", self.longest > self.shortest, f"more than shortest, {self.shortest:g}"
         )
         radius = self.goal_radius
         enough = f"at least goal_radius, {radius:g}"
-        self._require("success_radius", self.success_radius >= radius, enough)
+        require(self, "success_radius", self.success_radius >= radius, enough)
         if not self.ambiguity_seen and self.waypoint and self.ambiguity_weight > 0.0:
             raise InputError(
                 f"ambiguity_seen is False and ambiguity_weight is {self.ambiguity_weight:g}, by "
@@ -423,7 +424,3 @@ class NavigationParameters:
 
     def _set(self, key: str, value: object) -> None:
         object.__setattr__(self, key, value)
-
-    def _require(self, key: str, good: bool, what: str) -> None:
-        if not good:
-            raise InputError(f"{key} is {getattr(self, key)}; give {what}.")

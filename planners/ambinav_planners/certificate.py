@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
-from ambinav.config import as_number, check_kind
+from ambinav.config import as_number, as_positive, check_kind
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
@@ -100,8 +100,7 @@ def certify(
         raise InputError(f"robot is {robot!r}; give the {name} of the route's robot.")
     if not 0.0 < as_number(gap, "gap") < 1.0:
         raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
-    if not as_number(cells, "cells") > 0:
-        raise InputError(f"cells is {cells!r}; give a number above 0, such as {MOST_CELLS}.")
+    as_positive(cells, "cells")
     layer = route.layer if isinstance(route, Route) else route.service.layer
     if layer != robot.service.layer:
         raise InputError(

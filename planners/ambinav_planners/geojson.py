@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ambinav.buildings.plan_units import check_frame
 from ambinav.config import as_number, read_text
-from ambinav.config.values import shown
+from ambinav.config.numbers import shown
 from ambinav.runtime.errors import InputError
 
 

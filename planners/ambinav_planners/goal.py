@@ -7,7 +7,7 @@ from typing import Any
 
 from ompl import base as ob
 
-from ambinav.runtime.errors import InputError
+from ambinav.config import as_positive
 from ambinav_planners.along_space import HeightOf, PoseOf
 from ambinav_planners.spaces import kind_of, pose_reader
 
@@ -41,8 +41,7 @@ class PoseGoal(ob.GoalSampleableRegion):
         height: HeightOf | None = None,
     ) -> None:
         super().__init__(si)
-        if not tolerance > 0.0:
-            raise InputError(f"tolerance is {tolerance}; give a number above 0.")
+        tolerance = as_positive(tolerance, "tolerance")
         if pose is None:
             pose = pose_reader(kind_of(si.getStateSpace()) != "r2")
         self._space = si.getStateSpace()

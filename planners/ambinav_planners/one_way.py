@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_number
+from ambinav.config import as_number, as_positive
 from ambinav.runtime.array_types import Bools, Floats
 from ambinav.runtime.errors import InputError
 from ambinav_planners.geojson import Feature, list_of, point_of, read_features
@@ -140,9 +140,7 @@ def _lanes(feature: Feature) -> list[tuple[BaseGeometry, float]]:
             raise InputError(f"{label}: {_NARROW}")
         return [(polygon, angle)]
     if kind == "LineString":
-        width = as_number(properties.get("width"), f"{label}: width")
-        if not width > 0.0:
-            raise InputError(f"{label}: width is {width:g}; give metres above 0.")
+        width = as_positive(properties.get("width"), f"{label}: width", "metres")
         if width <= 2.0 * EDGE:
             raise InputError(f"{label}: {_NARROW}")
         points = [point_of(label, point) for point in list_of(label, coordinates)]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ambinav.buildings.drawn_items import KINDS
-from ambinav.config.values import shown
+from ambinav.config.numbers import shown
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.errors import InputError

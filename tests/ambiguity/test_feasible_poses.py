@@ -204,7 +204,7 @@ def test_no_room_anywhere_is_said() -> None:
         build_map(
             scenes.room(2.0, 2.0), RangeScanner.planar(LASER, 24, TURN), 0.2, robot_radius=3.0
         )
-    with pytest.raises(InputError, match=r"robot_radius is -1\.0; give at least 0 metres"):
+    with pytest.raises(InputError, match=r"robot_radius is -1\.0; give a number of at least 0"):
         build_map(
             scenes.room(2.0, 2.0), RangeScanner.planar(LASER, 24, TURN), 0.2, robot_radius=-1.0
         )

@@ -200,9 +200,9 @@ def test_classes_are_calibrated() -> None:
     [
         ({"odometry": "wheels"}, "odometry is 'wheels'; "),
         ({"localizer": "gps"}, "localizer is 'gps', which has no calibration; "),
-        ({"position_limit": 0.0}, "position_limit is 0; "),
+        ({"position_limit": 0.0}, "position_limit is 0.0; "),
         ({"lateral_limit": math.nan}, "lateral_limit is nan; "),
-        ({"heading_limit": -1.0}, "heading_limit is -1; "),
+        ({"heading_limit": -1.0}, "heading_limit is -1.0; "),
         ({"start_std": (0.1, 0.1)}, r"start_std is \(0.1, 0.1\); "),
     ],
 )

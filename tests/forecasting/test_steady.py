@@ -168,7 +168,7 @@ def test_directions_are_averaged(corridor_map: AmbiguityMap) -> None:
     [
         ({"odometry": "wheels"}, "odometry is 'wheels'"),
         ({"localizer": "gps"}, "localizer is 'gps'"),
-        ({"metres": 0.0}, "metres is 0; "),
+        ({"metres": 0.0}, "metres is 0.0; "),
         ({"directions": 0}, "directions"),
     ],
 )

@@ -66,7 +66,7 @@ def test_touching_is_free_and_passing_through_is_not() -> None:
     assert not checker.motions_free([(0.0, 0.0, 0.0)], [(2.0, 0.0, 0.0)])[0]
     assert checker.motions_free([(0.0, 0.0, 0.0)], [(0.0, 30.0, 40.0)])[0]
     assert not checker.free([(math.nan, 0.0, 0.0)])[0]
-    with pytest.raises(InputError, match=r"radius is 0\.0; give a positive number of metres"):
+    with pytest.raises(InputError, match=r"radius is 0\.0; give metres above 0"):
         SphereChecker(wall, 0.0)
 
 
@@ -154,5 +154,5 @@ def test_a_flat_body_passes_where_a_sphere_does_not() -> None:
     # A low cylinder is in the sphere that has both its sizes, and holds one of half its height.
     assert free[SphereChecker(walls, math.hypot(0.35, 0.1)).motions_free(a, b)].all()
     assert SphereChecker(walls, 0.1).motions_free(a, b)[free].all()
-    with pytest.raises(InputError, match=r"half_height is -0\.1; give a positive number of metres"):
+    with pytest.raises(InputError, match=r"half_height is -0\.1; give metres above 0"):
         SphereChecker(walls, 0.35, -0.1)

@@ -154,7 +154,7 @@ def test_an_updated_map_has_the_layer_of_a_new_one(hall: an.Environment) -> None
         ({}, "beacons: there are none; give their places as `at`"),
         ({"at": [1.0, 2.0]}, "beacons: there are none"),
         ({"at": [(1.0, math.nan)]}, r"at\[0\] is \[1.0, nan\]"),
-        ({"at": CORNERS, "std": 0.0}, "std is 0.0; give more than 0 metres"),
+        ({"at": CORNERS, "std": 0.0}, "std is 0.0; give metres above 0"),
         ({"at": CORNERS, "max_range": -1.0}, "max_range is -1.0"),
         ({"at": CORNERS, "receiver": math.inf}, "receiver is inf"),
         ({"at": CORNERS, "tau": 0.5}, "tau is 0.5; give at least 1"),

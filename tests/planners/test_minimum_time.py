@@ -121,5 +121,5 @@ def test_headings_count(heading_map: AmbiguityMap) -> None:
 
 
 def test_speeds_of_no_use(demo_map: AmbiguityMap) -> None:
-    with pytest.raises(InputError, match="max_speed is 0; give metres per second above 0"):
+    with pytest.raises(InputError, match=r"max_speed is 0\.0; give metres per second above 0"):
         with_slowness(demo_map, RULE, 0.0)

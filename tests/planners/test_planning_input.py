@@ -218,7 +218,7 @@ def test_arguments_of_another_kind(demo: AmbiguityService, options: Any, message
     [
         ({"weight": -1.0}, "weight is -1.0; give a number of at least 0"),
         ({"weight": math.nan}, "weight is nan"),
-        ({"max_bad_metres": 0.0}, "max_bad_metres is 0.0; give a number above 0"),
+        ({"max_bad_metres": 0.0}, "max_bad_metres is 0.0; give metres above 0"),
         ({"max_bad_metres": math.nan}, "max_bad_metres is nan"),
         ({"max_bad_metres": "far"}, "max_bad_metres is 'far'; give a finite number"),
         ({"planner": 3}, "planner is 3; give one of"),

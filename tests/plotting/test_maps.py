@@ -92,7 +92,7 @@ def test_legend_tells_shares_and_title_names_both(amap):
     axes = plot_zones(amap)
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     # Of the 125 m² that are at least 0.2 m from all walls.
-    assert labels[3] == "open\n29%, 36 m²"
+    assert labels[3] == "open\n29 %, 36 m²"
     assert axes.get_title(loc="left") == "Zones: made-up scanner in synthetic"
 
 

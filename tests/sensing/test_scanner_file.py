@@ -96,7 +96,7 @@ def part(text: str) -> str:
         (part("planar: {beams: 2.5, aperture_deg: 1}"), "beams is 2.5"),
         (part("planar: {beams: 2, aperture_deg: 400}"), "aperture is 400 degrees"),
         (part("planar: {beams: 2, aperture_deg: 4, mount: [0, 0]}"), "mount is [0, 0]; give three"),
-        (part("ring: {count: 4, radius: -1}"), "ring: radius is -1.0"),
+        (part("ring: {count: 4, radius: -1}"), "ring.radius is -1; give a number of at least 0"),
         (part("mounts: []"), "mounts is empty"),
         (part("mounts: [[0, 0, .nan]]"), "mounts[0][2] is nan"),
         (part("mounts: 5"), "mounts is 5; give a list"),

@@ -264,7 +264,8 @@ SENSOR = "parts: [{sensor: {max_range: 5, std: 0.02, resolution: 0.01, aperture_
     (0, "planar: {beams: 3, aperture_deg: 10, pitch_deg: 100}", "pitch is 100 degrees"),
     (0, "planar: {beams: 3, aperture_deg: 10, pitch: 0.1}", "pitch_deg"),
     (0, "mounts: [[0, 0, 0, 1]]", "give three numbers"),
-    (0, "mounts: [[0, 0, 0, 1, x]]", "x"),
+    (0, "mounts: [[0, 0, 0, 1, x]]", r"mounts\[0\]\[4\] is 'x'"),
+    (0, "mounts: [[0, 0, 0], [0, 0, 0, 1, 100]]", r"mounts\[1\]\[4\] is 100 degrees; give -90"),
     (0, "planar: {beams: 3, aperture_deg: 10}, layers: {columns: 1, aperture_deg: 0}",
      "planar and layers; give exactly one of planar, ring, mounts, layers, "
      "tilting, camera"),

@@ -106,6 +106,13 @@ def test_what_is_no_volume_and_no_layer() -> None:
         VolumeService(other, "gain")
     with pytest.raises(InputError, match="weight is -1"):
         VolumeService(made, weight=-1.0)
+    below = AmbiguityVolume(made.dataset.assign(gain=-made.dataset.level - 1.0))
+    with pytest.raises(InputError, match=r"'gain' holds -[12].*; a cost needs a layer that is fin"):
+        VolumeService(below, "gain")
+    with pytest.raises(
+        InputError, match=r"weight 1e\+300 makes costs of layer 'level' that are not"
+    ):
+        VolumeService(made, weight=1e300)
     with pytest.raises(InputError, match="not an ambiguity volume, it lacks free; make one with"):
         AmbiguityVolume(made.dataset.drop_vars("free"))
     with pytest.raises(InputError, match="points are not rows of three finite numbers"):

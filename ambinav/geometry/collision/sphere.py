@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_positive
 from ambinav.geometry.collision.upright_cylinder import cylinder_meets
 from ambinav.runtime.array_types import Bools, Floats
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
 CELL: Final = 0.5
@@ -45,9 +45,9 @@ class SphereChecker:
     """
 
     def __init__(self, triangles: Floats, radius: float, half_height: float | None = None) -> None:
-        for name, size in (("radius", radius), ("half_height", half_height)):
-            if size is not None and not 0.0 < size < math.inf:
-                raise InputError(f"{name} is {size}; give a positive number of metres.")
+        as_positive(radius, "radius", "metres")
+        if half_height is not None:
+            as_positive(half_height, "half_height", "metres")
         self.radius, self.half_height = radius, half_height
         half = -1.0 if half_height is None else half_height
         corners = np.ascontiguousarray(triangles, dtype=np.float64).reshape(-1, 3, 3)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_positive
 from ambinav.geometry.motion.curves import DUBINS as DUBINS
 from ambinav.geometry.motion.curves import FACING as FACING
 from ambinav.geometry.motion.curves import REEDS_SHEPP as REEDS_SHEPP
@@ -116,8 +117,7 @@ class Steering:
                 poses are not usable.
         """
         route = checked_poses(poses, "poses")
-        if not (math.isfinite(step) and step > 0.0):
-            raise InputError(f"step is {step}; give a positive number of metres.")
+        step = as_positive(step, "step", "metres")
         if len(route) < 2:
             return route, np.zeros(len(route), dtype=np.int32), np.zeros(len(route))
         motions = self.kind, self.kernel_radius, route, float(step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ambinav.reports.action import MOST, Action
-from ambinav.studies.audit.audit import metres2, percent
+from ambinav.reports.number_text import metres2, percent
 from ambinav.studies.audit.document import Document
 from ambinav.studies.audit.verdict import CounterfactualPart
 from ambinav.studies.design.improved import improved_text

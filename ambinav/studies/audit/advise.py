@@ -10,8 +10,9 @@ import numpy as np
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.progress import Progress, silent, within
-from ambinav.studies.audit.audit import Audit, metres2, percent
+from ambinav.studies.audit.audit import Audit
 from ambinav.studies.audit.counterfactual.posts import could_pay, find_posts
 from ambinav.studies.audit.counterfactual.search import (
     PAYS,

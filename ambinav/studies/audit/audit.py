@@ -12,6 +12,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES, ZoneShare
+from ambinav.reports.number_text import metres2 as metres2
+from ambinav.reports.number_text import percent as percent
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -237,26 +239,6 @@ def _scan_at(environment: Environment, scanner: RangeScanner, place: AmbiguousRe
 def places_text(count: int, longest: float | None) -> str:
     """Format a number of places with the length of the longest, metres; empty if there are none."""
     return "" if longest is None else f"{count} ({longest:.1f} m)"
-
-
-def percent(share: float) -> str:
-    """Format a share as a whole percentage, with one decimal below 1 %.
-
-    It is rounded as in documents first, so that what they keep reads the same.
-    """
-    share = share if share < 0.001 else round(share, 4)
-    if 0.0 < share < 0.001:
-        return "less than 0.1 %"
-    return f"{share * 100:.1f} %" if 0.0 < share < 0.01 else f"{share * 100:.0f} %"
-
-
-def metres2(area: float) -> str:
-    """Format an area in square metres with a suitable number of digits.
-
-    It is rounded as in documents first: what they keep, and what is not kept yet, read the same.
-    """
-    area = round(area, 2)
-    return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
 
 
 def degrees(angle: float) -> str:

@@ -13,11 +13,12 @@ from typing import Any, Final
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
+from ambinav.reports.number_text import metres2
 from ambinav.reports.parameters import map_parameters
 from ambinav.runtime.files import replacing
 from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.audit.actions import actions
-from ambinav.studies.audit.audit import Audit, axis_degrees, metres2, percent, places_text
+from ambinav.studies.audit.audit import Audit, axis_degrees, places_text
 from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
 from ambinav.studies.audit.page import lead, page_map, with_places
@@ -138,8 +139,6 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "swatch": style.UNKNOWN,
     }
     filters: dict[str, Callable[..., str]] = {
-        "percent": percent,
-        "metres2": metres2,
         "axis_degrees": axis_degrees,
         "places": places_text,
         "improved": lambda places: improved_text(places, named=False),

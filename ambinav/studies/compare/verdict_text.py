@@ -8,6 +8,7 @@ from typing import Final
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.reports.number_text import percent
 from ambinav.reports.pages import listed
 from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.studies.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
@@ -32,10 +33,10 @@ def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
     """Describe the acceptance criterion in a sentence."""
     return (
         "Criterion against the shortest route, of which all parts must hold: robots are lost at "
-        f"most {_percent(criterion.lost)} as often, the {ERROR} is at most "
-        f"{_percent(criterion.error)}, the route is planned at most {_percent(criterion.extra)} "
+        f"most {percent(criterion.lost)} as often, the {ERROR} is at most "
+        f"{percent(criterion.error)}, the route is planned at most {percent(criterion.extra)} "
         "longer, and robots are not shown to collide more often, nor do more than "
-        f"{_percent(criterion.walls)} of them. If no robot was lost or collided on the shortest "
+        f"{percent(criterion.walls)} of them. If no robot was lost or collided on the shortest "
         f"route and the {ERROR} is below {criterion.easy:g} m there, there is nothing to gain."
     )
 
@@ -50,8 +51,8 @@ def baseline_sentence(runs: int, lost: float, error: float, collided: float, rou
         collided: Share that collided.
         route: Its name.
     """
-    walls = f", {_percent(collided)} collided" if collided else ""
-    return f"{route}: {_percent(lost)} of {runs} runs lost{walls}, {ERROR} {error:.2f} m."
+    walls = f", {percent(collided)} collided" if collided else ""
+    return f"{route}: {percent(lost)} of {runs} runs lost{walls}, {ERROR} {error:.2f} m."
 
 
 def sentence(verdict: Verdict, route: str, baseline: str) -> str:
@@ -197,10 +198,6 @@ def _longest(stretch: float) -> str:
     return "unknown" if math.isnan(stretch) else f"{stretch:.1f} m"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
-
-
 def _judged(verdict: Verdict, baseline: str) -> str:
     if verdict.easy:
         return f"There was nothing to gain: {baseline} is easy."
@@ -210,9 +207,9 @@ def _judged(verdict: Verdict, baseline: str) -> str:
     missed = [
         text
         for met, text in (
-            (verdict.lost_met, f"lost more than {_percent(criterion.lost)} as often"),
-            (verdict.error_met, f"error above {_percent(criterion.error)}"),
-            (verdict.length_met, f"more than {_percent(criterion.extra)} longer"),
+            (verdict.lost_met, f"lost more than {percent(criterion.lost)} as often"),
+            (verdict.error_met, f"error above {percent(criterion.error)}"),
+            (verdict.length_met, f"more than {percent(criterion.extra)} longer"),
             (
                 verdict.walls_met,
                 "collides more often"

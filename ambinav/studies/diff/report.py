@@ -54,9 +54,5 @@ def content(report: Document) -> Content:
     return Content(
         report,
         {"states": [state for state in STATES if state in seen], "cells": cells},
-        {
-            "m2": lambda area: f"{area:,.1f} m²",
-            "share": lambda share: f"{100.0 * share:.1f} %",
-            "change": lambda value: f"{value:+.3f}",
-        },
+        {"change": lambda value: f"{value:+.3f}"},
     )

@@ -10,8 +10,8 @@ from pydantic import Field, ValidationError
 from ambinav.maps.address import Address
 from ambinav.reports.conditions import Quantities, Quantity, catalogue
 from ambinav.reports.fields import Part, SquareMetres, rounded
+from ambinav.reports.number_text import metres2
 from ambinav.runtime.errors import InputError
-from ambinav.studies.audit.audit import metres2
 from ambinav.studies.fleet.document import FILE, FleetDocument, FleetFigures
 
 Change = Literal[

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from ambinav.maps.address import Address
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Part
+from ambinav.reports.number_text import metres2, percent
 from ambinav.reports.pages import counted
-from ambinav.studies.audit.audit import metres2, percent
 from ambinav.studies.fleet.catalogue import CATALOGUE, ITEMS, catalogue
 from ambinav.studies.fleet.document import (
     FILE,
@@ -84,13 +84,12 @@ def page(report: FleetDocument, results: Sequence[UnitDone]) -> str:
         for done in results
     }
     rows = sorted(report.figures, key=lambda row: (row.bad_m2 is None, -(row.bad_m2 or 0.0)))
-    filters: dict[str, Callable[..., str]] = {"metres2": metres2, "percent": percent}
     values: dict[str, Any] = {
         "rows": [(row, pictures[row.site, row.scanner]) for row in rows],
         "scanners": sorted({row.scanner for row in rows}),
         "zones": [*zip(ZONES, ZONE_COLOURS, MEANINGS, strict=True)],
     }
-    return STUDY.fill("index.html.j2", Content(report, values, filters), {})
+    return STUDY.fill("index.html.j2", Content(report, values), {})
 
 
 def _summary(rows: Sequence[FleetFigures]) -> str:

@@ -32,12 +32,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ambinav.config import as_nonnegative, as_positive
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.maps.lattice_values import value_at
 from ambinav.runtime.array_types import Floats, Indices, Ints
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav_planners.belief.model import BeliefModel
@@ -114,8 +114,7 @@ class Growth:
         Raises:
             InputError: the step is not above 0.
         """
-        if not step > 0.0:
-            raise InputError(f"step is {step}; give a number of metres above 0.")
+        step = as_positive(step, "step", "metres")
         pieces = np.maximum(np.ceil(graph.length / step - 1e-9), 1.0).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(pieces)])
         add, shrink = np.empty(first[-1]), np.empty(first[-1])
@@ -182,8 +181,7 @@ def belief_search(
     Raises:
         InputError: a node that is not there, or a tolerance below 0.
     """
-    if not tolerance >= 0.0:
-        raise InputError(f"tolerance is {tolerance}; give a share of at least 0.")
+    tolerance = as_nonnegative(tolerance, "tolerance")
     start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
     if model.std > model.max_std:
         return None

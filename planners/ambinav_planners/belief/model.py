@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ambinav.config import as_nonnegative, as_positive
 from ambinav.runtime.errors import InputError
 
 
@@ -38,12 +39,9 @@ class BeliefModel:
             raise InputError(
                 f"start_std is {start}; give the deviations of x, y and heading, at least 0."
             )
-        if not (math.isfinite(self.weight) and self.weight >= 0.0):
-            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
+        as_nonnegative(self.weight, "weight")
         for name in ("scan_distance", "reference"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value}; give a number of metres above 0.")
+            as_positive(getattr(self, name), name, "metres")
         for name in ("max_std", "max_goal_std"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}; give metres above 0, or inf.")

@@ -32,12 +32,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ambinav.config import as_positive
 from ambinav.drive.noise import OdometryNoise, PackedNoise
 from ambinav.forecasting.information_field import InformationField, information_at
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
 from ambinav.runtime.array_types import Floats, Indices
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from ambinav_planners.belief.transfer import carried, compose
@@ -99,9 +99,8 @@ class BeliefRoadmap:
         Raises:
             InputError: the scan distance or the step is not above 0.
         """
-        for name, value in (("scan_distance", scan_distance), ("step", step)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value}; give a number of metres above 0.")
+        scan_distance = as_positive(scan_distance, "scan_distance", "metres")
+        step = as_positive(step, "step", "metres")
         shape = (len(graph.target), 3, 3)
         carry, noise, seen = np.empty(shape), np.empty(shape), np.empty(shape)
         run_rows(

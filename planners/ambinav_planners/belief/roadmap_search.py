@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_nonnegative
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
@@ -152,9 +153,7 @@ def search_roadmap(
             come to `most_labels`.
     """
     _check_measure(measure)
-    for name, value in (("weight", weight), ("tolerance", tolerance)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} is {value}; give a number of at least 0.")
+    weight, tolerance = as_nonnegative(weight, "weight"), as_nonnegative(tolerance, "tolerance")
     for name, value in (("max_std", max_std), ("max_goal_std", max_goal_std)):
         if not value > 0.0:
             raise InputError(f"{name} is {value}; give metres above 0, or inf.")

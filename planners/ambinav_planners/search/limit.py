@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.config import as_number
+from ambinav.config import as_nonnegative, as_positive
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.stretches import bad_stretches
@@ -34,13 +33,9 @@ class BadStretchLimit:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        metres, level = as_number(self.metres, "max_bad_metres"), as_number(self.level, "bad_level")
-        if not metres > 0.0:
-            raise InputError(f"max_bad_metres is {metres}; give a number above 0.")
-        if not level >= 0.0:
-            raise InputError(f"bad_level is {level}; give a number of at least 0.")
+        metres = as_positive(self.metres, "max_bad_metres", "metres")
         object.__setattr__(self, "metres", metres)
-        object.__setattr__(self, "level", level)
+        object.__setattr__(self, "level", as_nonnegative(self.level, "bad_level"))
 
     def kept_by(self, poses: Floats, service: AmbiguityService, steering: Steering) -> bool:
         """Return whether a path through poses, shape (N, 3), keeps the limit."""

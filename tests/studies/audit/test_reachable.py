@@ -18,10 +18,10 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.plotting.floor import area_text
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.style import SOLID, UNEXPLORED, UNREACHABLE
 from ambinav.plotting.style import UNKNOWN as UNKNOWN_SPACE
+from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -298,8 +298,8 @@ def test_pictures_show_what_does_not_count(amap, found):
 def test_shares_of_a_picture_are_of_what_counts(amap, found):
     labels = [t.get_text() for t in plot_zones(amap, parts=found.parts).get_legend().get_texts()]
     corridor = found.shares[2]
-    assert f"corridor\n{corridor.share:.0%}, {area_text(corridor.area)}" in labels
+    assert f"corridor\n{percent(corridor.share)}, {metres2(corridor.area)}" in labels
     # Without a robot: of all that is explored.
     labels = [t.get_text() for t in plot_zones(amap).get_legend().get_texts()]
     corridor = amap.zone_shares(mask=amap.judged.counted)[2]
-    assert f"corridor\n{corridor.share:.0%}, {area_text(corridor.area)}" in labels
+    assert f"corridor\n{percent(corridor.share)}, {metres2(corridor.area)}" in labels

@@ -18,9 +18,10 @@ import ambinav as an
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError
 from ambinav.studies.audit import pictures
-from ambinav.studies.audit.audit import audit, axis_degrees, metres2, percent
+from ambinav.studies.audit.audit import audit, axis_degrees
 from ambinav.studies.audit.document import Document, document
 from ambinav.studies.audit.report import STUDY, write_audit
 from tests.maps import synthetic

@@ -103,7 +103,6 @@ def content(report: Document, files: Mapping[str, str]) -> Content:
     }
     filters = {
         "points": lambda value: f"{value:.2f}",
-        "share": lambda value: f"{100.0 * value:.1f} %",
         "ms": lambda value: f"{value:.3f} ms",
         "cm": lambda value: f"{100.0 * value:.2f} cm",
     }

@@ -87,10 +87,6 @@ def content(report: Document) -> Content:
         "improved": improved_text(report.improved),
         "nothing": f"{NOTHING:g} {'m²' if report.unit == 'm2' else 'm'}",
     }
-    filters = {
-        "amount": lambda value: amount(value, report.unit),
-        "share": lambda share: f"{100.0 * share:.1f} %",
-        "metres": lambda value: f"{value:.2f}",
-    }
+    filters = {"amount": lambda value: amount(value, report.unit)}
     files = {GEOJSON: json.dumps(report.geojson, indent=1) + "\n"}
     return Content(report, values, filters, files=files)

@@ -81,11 +81,6 @@ def content(report: Document) -> Content:
         ),
         "improved": improved_text(report.improved, "New floor on which the robot navigates"),
     }
-    filters = {
-        "area": lambda value: f"{value:,.1f} m²",
-        "share": lambda share: f"{100.0 * share:.1f} %",
-        "metres": lambda value: f"{value:.2f}",
-        "cm": lambda value: "" if value is None else f"{100.0 * value:.1f} cm",
-    }
+    filters = {"cm": lambda value: "" if value is None else f"{100.0 * value:.1f} cm"}
     files = {GEOJSON: json.dumps(report.geojson, indent=1) + "\n"}
     return Content(report, values, filters, files=files)

@@ -122,9 +122,6 @@ def content(solution: Solution, report: Document) -> Content:
         "improved": improved_text(report.improved),
     }
     filters = {
-        "area": lambda value: f"{value:,.1f} m²",
-        "share": lambda share: f"{100.0 * share:.1f} %",
-        "metres": lambda value: "" if value is None else f"{value:.2f}",
         "money": money,
         "percent": lambda value: f"{value:.1f} %",
         "trip": trip_text,

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Part
+from ambinav.reports.number_text import metres2
 from ambinav.reports.pages import listed
 from ambinav.sensing.preset_summary import field_of_view
 from ambinav.studies.design.scanners.compare import ScannerRow, ScannerTable, bad_area
@@ -217,12 +218,12 @@ def summary(table: ScannerTable) -> str:
         return f"{sentences[0]} No floor is explored and reached, so nothing can be said."
     best, last = usable[0], usable[-1]
     tied = [row.name for row in usable if row.bad_area <= best.bad_area]
-    least = f"{_area(best.bad_area)} of {_area(best.counted_area)}" if best.bad_area else "none"
+    least = f"{metres2(best.bad_area)} of {metres2(best.counted_area)}" if best.bad_area else "none"
     if len(tied) > 3:
         leaves = f"{len(tied)} of them leave"
     else:
         leaves = f"{listed(tied)} {'leaves' if len(tied) == 1 else 'leave'}"
-    most = f"; {last.name} the most: {_area(last.bad_area)}" if last.name not in tied else ""
+    most = f"; {last.name} the most: {metres2(last.bad_area)}" if last.name not in tied else ""
     sentences.append(f"{leaves} the robot the least floor where it can get lost: {least}{most}.")
     front = table.front
     if front is not None and len(front.points) > 1:
@@ -290,7 +291,3 @@ def _routes(table: ScannerTable) -> RoutesPart | None:
         error_model=table.model.text,
         error_source=SOURCE,
     )
-
-
-def _area(area: float) -> str:
-    return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"

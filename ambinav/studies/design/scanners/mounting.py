@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
-from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 HEIGHT: Final = 0.3
@@ -24,8 +24,7 @@ def mounted(scanner: RangeScanner, height: float) -> RangeScanner:
     Raises:
         InputError: the height is not above zero.
     """
-    if not height > 0.0:
-        raise InputError(f"height is {height:g}; give metres above the floor, e.g. {HEIGHT:g}.")
+    height = as_positive(height, "height", "metres")
     return scanner if says_height(scanner) else scanner.raised(height)
 
 

@@ -8,7 +8,6 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.plotting.floor import area_text
 from ambinav.plotting.fronts import FrontDot, FrontPanel, plot_fronts
 from ambinav.plotting.scanners import (
     ScannerBars,
@@ -16,6 +15,7 @@ from ambinav.plotting.scanners import (
     plot_scanner_bars,
     plot_scanner_maps,
 )
+from ambinav.reports.number_text import metres2
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import save_route
@@ -88,7 +88,7 @@ def draw_bars(table: ScannerTable) -> Figure:
 def draw_maps(table: ScannerTable) -> Figure:
     """Draw the zones of each scanner."""
     floors = [
-        ScannerFloor(f"{number}  {row.name}: {area_text(row.bad_area)} bad", row.zone, row.parts)
+        ScannerFloor(f"{number}  {row.name}: {metres2(row.bad_area)} bad", row.zone, row.parts)
         for number, row in enumerate(table.rows, start=1)
     ]
     title = f"Zones by scanner: {table.environment.name}"
@@ -142,7 +142,6 @@ def content(report: Document) -> Content:
         "m2": lambda area: "" if area is None else f"{area:,.1f}",
         "metres": lambda metres: "" if metres is None else f"{metres:.1f}",
         "error": lambda metres: "" if metres is None else f"{metres:.3f}",
-        "share": lambda share: "" if share is None else f"{100.0 * share:.1f} %",
         "plain": lambda value: "" if value is None else f"{value:g}",
         "brief": lambda value: "" if value is None else f"{value:.3g}",
         "seconds": lambda value: "store" if value is None else f"{value:.1f}",
