@@ -230,7 +230,7 @@ def _show(report: Document) -> None:
     from rich.text import Text
 
     from ambinav.maps.judged_floor import unreachable_label
-    from ambinav.studies.audit.audit import metres2, percent
+    from ambinav.reports.number_text import metres2, percent
 
     floor = report.floor
     rows = [(zone.zone, metres2(zone.area_m2), percent(zone.share), "") for zone in report.zones]
@@ -261,7 +261,7 @@ def _show(report: Document) -> None:
 
 
 def _show_advice(report: Document) -> None:
-    from ambinav.studies.audit.audit import metres2
+    from ambinav.reports.number_text import metres2
     from ambinav.studies.audit.verdict import CHOICE
 
     if report.verdict is None or not report.verdict.tried:
@@ -286,7 +286,8 @@ def _show_advice(report: Document) -> None:
 
 
 def _show_places(report: Document) -> None:
-    from ambinav.studies.audit.audit import axis_degrees, metres2, places_text
+    from ambinav.reports.number_text import metres2
+    from ambinav.studies.audit.audit import axis_degrees, places_text
 
     places = [
         f"{zone.zone} {places_text(zone.places, zone.longest_place_m)}"
@@ -313,7 +314,7 @@ def _show_places(report: Document) -> None:
 
 
 def _show_lost(report: Document) -> None:
-    from ambinav.studies.audit.audit import percent
+    from ambinav.reports.number_text import percent
 
     if report.lost is None:
         return
@@ -335,7 +336,7 @@ def _show_lost(report: Document) -> None:
 
 
 def _show_aliasing(report: Document) -> None:
-    from ambinav.studies.audit.audit import metres2, percent
+    from ambinav.reports.number_text import metres2, percent
 
     aliasing = report.aliasing
     if aliasing and aliasing.poses and not aliasing.sought:
@@ -362,7 +363,7 @@ def _show_aliasing(report: Document) -> None:
 
 
 def _show_help(report: Document) -> None:
-    from ambinav.studies.audit.audit import metres2
+    from ambinav.reports.number_text import metres2
 
     if report.helps is None:
         return

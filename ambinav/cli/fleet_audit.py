@@ -228,7 +228,7 @@ def _note_failed(results: Sequence[Result]) -> None:
 
 
 def _show(fleet: Fleet) -> None:
-    from ambinav.studies.audit.audit import metres2, percent
+    from ambinav.reports.number_text import metres2, percent
 
     kept = len(fleet.results) - fleet.made
     there = f", {kept} were there" if kept else ""

@@ -12,8 +12,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES, ZoneShare
-from ambinav.reports.number_text import metres2 as metres2
-from ambinav.reports.number_text import percent as percent
+from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
