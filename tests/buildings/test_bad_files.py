@@ -43,7 +43,7 @@ HEADER = {
 
 
 def settled(name: str, content: bytes, image: bytes = b"") -> Environment | None:
-    """The environment in a file of this name and content; None if it is refused."""
+    """The environment in a file of this name and content, with floor; None if it is refused."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         path = Path(folder) / name
@@ -51,12 +51,16 @@ def settled(name: str, content: bytes, image: bytes = b"") -> Environment | None
         (Path(folder) / "map.pgm").write_bytes(image)
         try:
             if path.suffix == ".yaml":
-                return environment_from_grid(load_map_server(path))
-            return load_polygons(path)
+                env = environment_from_grid(load_map_server(path))
+            else:
+                env = load_polygons(path)
         except InputError as error:
             assert str(error)
             assert "\n" not in str(error)
             return None
+    assert env.free.is_valid
+    assert env.free.area > 0.0
+    return env
 
 
 def pgm(pixels: np.ndarray) -> bytes:
@@ -74,9 +78,7 @@ ROOM = pgm(np.pad(np.full((6, 6), 254, np.uint8), 1))
 @example({"resolution": 1e308})
 @example({"mode": "raw"})
 def test_yaml_values(changes: dict[str, Any]) -> None:
-    env = settled("map.yaml", yaml.safe_dump({**HEADER, **changes}).encode(), ROOM)
-    if env is not None:
-        assert env.free.is_valid
+    settled("map.yaml", yaml.safe_dump({**HEADER, **changes}).encode(), ROOM)
 
 
 @pytest.mark.slow
@@ -142,10 +144,7 @@ feature = st.builds(
 @given(st.lists(feature | junk, max_size=4), st.none() | junk | st.just([0, 0, 4, 4]))
 def test_geojson_features(features: list[Any], bbox: Any) -> None:
     document = {"type": "FeatureCollection", "features": features, "bbox": bbox}
-    env = settled("plan.geojson", json.dumps(document).encode())
-    if env is not None:
-        assert env.free.is_valid
-        assert env.free.area > 0.0
+    settled("plan.geojson", json.dumps(document).encode())
 
 
 @pytest.mark.slow
