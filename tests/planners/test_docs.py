@@ -55,10 +55,11 @@ def test_the_first_program_of_the_page(
             lambda state: bool(environment.is_free(state[0], state[1], 0.2)),
             start, goal, bounds(), seconds=seconds,
         )  # fmt: skip
-        assert poses[0] == pytest.approx(start)
-        if poses[-1] == pytest.approx(goal):
+        if poses is not None:
+            assert poses[0] == pytest.approx(start)
+            assert poses[-1] == pytest.approx(goal)
             return
-    pytest.fail(f"no path reached the goal; the last one ends at {poses[-1]}")
+    pytest.fail("no path reached the goal")
 
 
 def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
