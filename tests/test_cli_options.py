@@ -11,8 +11,10 @@ import typer
 from typer.testing import CliRunner
 
 from ambinav.cli import app
+from ambinav.cli.checks import naming_options
 from ambinav.cli.limits import Count, Natural, above_zero, not_negative
 from ambinav.cli.options import documented
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,3 +169,24 @@ def commands(command: Any, name: str) -> Iterator[Any]:
 @pytest.mark.parametrize("command", [*commands(typer.main.get_command(app), "")])
 def test_every_option_says_what_it_is_for(command: Any) -> None:
     assert [param.name for param in command.params if not param.help] == []
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ("floor is nan; give a finite number.", "--floor is nan; give a finite number."),
+        ("floor: 3 is too high.", "--floor: 3 is too high."),
+        ("robot_radius is 0.", "--robot-radius is 0."),
+        ("floor.yaml: it has no image.", "floor.yaml: it has no image."),
+        ("floor/map.yaml: it has no image.", "floor/map.yaml: it has no image."),
+        ("up-and-down.yaml: it has no image.", "up-and-down.yaml: it has no image."),
+        ("from (3, 4): in a wall.", "--start: from (3, 4): in a wall."),
+    ],
+)
+def test_only_parameters_become_options(message: str, said: str) -> None:
+    with (
+        pytest.raises(InputError) as caught,
+        naming_options("floor", "up", "robot_radius", **{"from": "--start: from"}),
+    ):
+        raise InputError(message)
+    assert str(caught.value) == said

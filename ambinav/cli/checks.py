@@ -34,7 +34,8 @@ def naming_options(*names: str, **options: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        name = re.match(r"\w*", str(error)).group()  # type: ignore[union-attr]
+        match = re.match(r"(\w+)(?=:? )", str(error))
+        name = "" if match is None else match[1]
         if name not in known:
             raise
         raise InputError(known[name] + str(error).removeprefix(name)) from error

@@ -44,7 +44,8 @@ class Limit:
             return
         too_large = "is too large" if value < math.inf else "is not finite"
         fault = too_large if self.allows(value) else self.fault
-        raise InputError(f"{option}: {value:g} {fault}; {self.remedy}.")
+        number = value if isinstance(value, int) else f"{value:g}"
+        raise InputError(f"{option}: {number} {fault}; {self.remedy}.")
 
 
 def above_zero(example: str, unit: str = "metres") -> Limit:

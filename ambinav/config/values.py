@@ -10,7 +10,7 @@ They work in a `ConfigModel` and in a dataclass that calls `check_fields`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
@@ -114,9 +114,12 @@ def row(count: int, wish: str) -> BeforeValidator:
 
 def _numbers(value: Any) -> Any:
     plain = value.tolist() if isinstance(value, np.ndarray) else value
-    if not isinstance(plain, list | tuple) or not plain:
+    if not isinstance(plain, Iterable) or isinstance(plain, str | bytes | Mapping):
         raise fault(plain, "give a list of numbers")
-    return tuple(plain)
+    numbers = tuple(plain)
+    if not numbers:
+        raise fault(plain, "give a list of numbers")
+    return numbers
 
 
 some_numbers: Final = BeforeValidator(_numbers)

@@ -88,7 +88,8 @@ class Log:
             values = getattr(self, key)
             if values is not None and not np.isfinite(values).all():
                 raise InputError(f"{where}: {key} hold a value that is not finite; leave it out.")
-        as_positive(self.max_range, f"{where}: max_range", "metres")
+        max_range = as_positive(self.max_range, f"{where}: max_range", "metres")
+        object.__setattr__(self, "max_range", max_range)
         usable = (self.ranges >= 0.0) & (self.ranges < self.max_range) | np.isinf(self.ranges)
         if not usable.all():
             raise InputError(

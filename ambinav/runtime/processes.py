@@ -67,9 +67,14 @@ class ChildProcess:
         self._lock, self._is_ended = threading.Lock(), False
         # Every context has it, though the stubs do not say so of their base class.
         self.process = context.Process(target=target, args=(theirs, *args), daemon=True)  # type: ignore[attr-defined]
-        with putting_signals_off():
-            self.process.start()
-        theirs.close()
+        try:
+            with putting_signals_off():
+                self.process.start()
+        except BaseException:  # a signal that was put off
+            self.end()
+            raise
+        finally:
+            theirs.close()
 
     def kill(self) -> None:
         """Kill the process; `end` must still be called."""
@@ -82,8 +87,9 @@ class ChildProcess:
         with self._lock:
             if self._is_ended:
                 return
-            self.process.kill()
-            self.process.join()
+            if self.process.pid is not None:  # it has begun
+                self.process.kill()
+                self.process.join()
             self.line.close()
             self.process.close()
             self._is_ended = True

@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 
 from ambinav.config import as_count
 from ambinav.runtime.progress import Progress, silent
@@ -19,6 +20,8 @@ from ambinav_envs.policies.policy import Policy, checked_actions
 from ambinav_envs.registered import arguments_of_id, is_wrapped, make_wrapped, simulation_of
 from ambinav_envs.scenario import source_of
 from ambinav_envs.simulation.layout import RUNNING, TIMEOUT
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.spaces import action_space, observation_space
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,27 @@ class Arena:
             parameters=replace(parameters, **changes),
             arguments={**(self.arguments or {}), **other},
         )
+
+    def check(self, policy: Policy, seed: int) -> None:
+        """Check that a policy fits, and that the first episode of an evaluation can begin.
+
+        Raises:
+            InputError: it does not fit, or a building has no room for the robot or the task.
+        """
+        (number,) = episode_seeds(seed, 0, 1)
+        if self.wrapped is None:
+            parameters = self.parameters
+            policy.configure(parameters)
+            policy.prepare(observation_space(parameters), action_space(parameters))
+            simulation = Simulation(self.source, parameters, 1)
+            generator, _ = seeding.np_random(int(number))
+            simulation.reset([0], [generator], None, simulation.outcome())
+            return
+        with closing(make_wrapped(self.wrapped, self.arguments or {})) as env:
+            simulation_of(env).source = self.source
+            policy.configure(self.parameters)
+            policy.prepare(env.observation_space, env.action_space)
+            env.reset(seed=int(number))
 
     def evaluate(
         self,

@@ -27,7 +27,8 @@ BELIEF: Final[dict[str, Any]] = {"belief": True, "declare": ["arrived"]}
 def belief_ids_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return ids such as "ambinav/Office-Belief-v1" for some ids, with their arguments.
 
-    Their reward is that of the id, or the shortest route's, and the score of the belief.
+    Their reward is the score of the belief beside the id's own weights, or those of the shortest
+    route.
 
     Args:
         ids: See `twins_of`.
@@ -36,7 +37,7 @@ def belief_ids_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
     for arguments in made.values():
         own = arguments.get("reward")
         base = own if isinstance(own, Mapping) else PRESETS["shortest"]
-        arguments["reward"] = {**base, "belief": OF_TIME * base["time"]}
+        arguments["reward"] = {**base, "belief": OF_TIME * base.get("time", 0.0)}
     return made
 
 

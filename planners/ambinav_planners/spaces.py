@@ -131,10 +131,11 @@ def check_axes(si: ob.SpaceInformation, distance: Callable[[Any, Any], float]) -
     else:
         return
     a, b = si.allocState(), si.allocState()
-    _set_place(space, a, np.zeros(count))
+    middle, scale = _middle_of(space, count)
+    _set_place(space, a, middle)
     for step in _unit_steps(count):
-        _set_place(space, b, step)
-        metres = distance(a, b)
+        _set_place(space, b, middle + scale * step)
+        metres = distance(a, b) / scale
         if not metres >= 1.0 - 1e-9:
             along = " and ".join(map(str, np.flatnonzero(step)))
             raise InputError(
@@ -144,6 +145,15 @@ def check_axes(si: ob.SpaceInformation, distance: Callable[[Any, Any], float]) -
                 "its height in metres, or put an axis that is not in metres into a subspace of a "
                 "CompoundStateSpace."
             )
+
+
+def _middle_of(space: ob.StateSpace, count: int) -> tuple[Floats, float]:
+    """Return the middle of a space's bounds, and a step, at most 1, with which one stays inside."""
+    bounds = space.getBounds()
+    low, high = (np.array(ends, dtype=np.float64)[:count] for ends in (bounds.low, bounds.high))
+    if not (low < high).all():  # they are not set
+        return np.zeros(count), 1.0
+    return 0.5 * (low + high), min(1.0, 0.4 * float((high - low).min()))
 
 
 def _unit_steps(count: int) -> Iterator[Floats]:

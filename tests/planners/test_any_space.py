@@ -193,6 +193,22 @@ def test_places_that_are_not_in_metres_are_refused(demo: AmbiguityService) -> No
     AmbiguityObjective(turned, demo, pose=lambda s: (s.getX(), 2.0 * s.getY(), s.getYaw()))
 
 
+def test_places_are_asked_for_within_the_bounds_alone(demo: AmbiguityService) -> None:
+    """An elevation model ends where the space does."""
+    space = ob.RealVectorStateSpace(2)
+    bounds = ob.RealVectorBounds(2)
+    for axis, (low, high) in enumerate(((100.0, 120.0), (50.0, 50.5))):
+        bounds.setLow(axis, low)
+        bounds.setHigh(axis, high)
+    space.setBounds(bounds)
+
+    def height(state: Any) -> float:
+        assert 100.0 <= state[0] <= 120.0 and 50.0 <= state[1] <= 50.5
+        return 0.1 * state[0]
+
+    AmbiguityObjective(ob.SpaceInformation(space), demo, pose=lambda s: (s[0], s[1]), height=height)
+
+
 def test_poses_in_space(demo: AmbiguityService) -> None:
     """SE(3): turning costs nothing, climbing costs its metres; so does the goal count them."""
     space = ob.SE3StateSpace()

@@ -18,6 +18,7 @@ from ambinav.casting.prisms.kernel import PrismArrays
 from ambinav.casting.prisms.prisms import Prisms
 from ambinav.runtime.array_types import Bounds, Bytes, Floats, Ints, Ints32
 
+# No triangle of the plan is near: use one in which no ray starts.
 FAR_AWAY = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) - 1e9
 
 

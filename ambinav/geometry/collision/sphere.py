@@ -45,9 +45,9 @@ class SphereChecker:
     """
 
     def __init__(self, triangles: Floats, radius: float, half_height: float | None = None) -> None:
-        as_positive(radius, "radius", "metres")
+        radius = as_positive(radius, "radius", "metres")
         if half_height is not None:
-            as_positive(half_height, "half_height", "metres")
+            half_height = as_positive(half_height, "half_height", "metres")
         self.radius, self.half_height = radius, half_height
         half = -1.0 if half_height is None else half_height
         corners = np.ascontiguousarray(triangles, dtype=np.float64).reshape(-1, 3, 3)

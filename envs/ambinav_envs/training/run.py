@@ -124,7 +124,7 @@ class Run:
             InputError: the policy does not fit, or a building has no room for the task.
         """
         try:
-            self._judged.changed(max_steps=1).evaluate(self._policy, 1, self.config.evaluation.seed)
+            self._judged.check(self._policy, self.config.evaluation.seed)
         except InputError as error:
             self.envs.close()
             raise InputError(f"evaluation.environment: {error}") from error

@@ -39,9 +39,10 @@ class BeliefModel:
             raise InputError(
                 f"start_std is {start}; give the deviations of x, y and heading, at least 0."
             )
-        as_nonnegative(self.weight, "weight")
+        object.__setattr__(self, "weight", as_nonnegative(self.weight, "weight"))
         for name in ("scan_distance", "reference"):
-            as_positive(getattr(self, name), name, "metres")
+            value = as_positive(getattr(self, name), name, "metres")
+            object.__setattr__(self, name, value)
         for name in ("max_std", "max_goal_std"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}; give metres above 0, or inf.")

@@ -21,7 +21,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints, save_checkpoint
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import load_training_config
+from ambinav_envs.training.config_file import load_training_config, parse_config
 from ambinav_envs.training.models import make_model
 from ambinav_envs.training.run import Run, TrainingStatus, best_of
 from ambinav_envs.training.train import train
@@ -264,6 +264,17 @@ def test_what_is_finished_is_finished_again_with_the_same_bytes(
     train(load_training_config(again / "config.yaml"), again, resume=True)
     for name in ("final.zip", "best.zip", "progress.csv"):
         assert (again / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Kidnapped-v1", "UnknownStart-v1", "TwinRooms1-v1"])
+def test_tasks_can_be_trained(tmp_path: Path, name: str) -> None:
+    environment = {"id": f"ambinav/{name}", "buildings": 1}
+    judged = {"episodes": 1, "every": 100_000, "environment": {"buildings": 1}}
+    config = parse_config({**TINY, "environment": environment, "evaluation": judged}, "here")
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "run", callback=interrupted_at(0))
+    assert (tmp_path / "run" / "config.yaml").is_file()
 
 
 @pytest.mark.slow
