@@ -333,6 +333,8 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
         (["--comfort", "0.3"], "--comfort is for --clearance-weight; leave it out"),
         (["--robot-radius", "-1"], "--robot-radius: -1 is not zero or above"),
         (["--iterations", "0"], "--iterations: 0 is too few"),
+        (["--max-bad-metres", "-1"], "--max-bad-metres: -1 is not above zero"),
+        (["--pareto", "--weights", "1 -2"], "--weights: -2 is not zero or above"),
         (["--seed", "-1"], "--seed: -1 is negative"),
     ],
 )

@@ -183,8 +183,8 @@ class LimitOptions:
     avoid_open: bool = False
     keep_out: Path | None = None
     one_way: Path | None = None
-    max_bad_metres: float | None = None
-    bad_level: float = 0.5
+    max_bad_metres: Annotated[float | None, above_zero("5")] = None
+    bad_level: Annotated[float, not_negative("0.5", "a level")] = 0.5
 
     def check(self) -> None:
         """Refuse a level without the limit that it is for.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ambinav.cli.limits import not_negative
 from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
@@ -254,6 +255,8 @@ def _weights(text: str) -> list[float]:
         raise InputError(
             f"--weights: {text!r} is not a list of numbers; give e.g. '0 1 5'."
         ) from None
+    for weight in weights:
+        not_negative("5", "numbers").check(weight, "--weights")
     return list(dict.fromkeys(weights))
 
 

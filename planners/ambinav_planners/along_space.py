@@ -144,8 +144,22 @@ class SpaceMotions:
         upright = flat <= UPRIGHT * length
         mean = np.divide(parts, flat, out=np.zeros_like(parts), where=~upright)
         for i in np.flatnonzero(upright):
-            mean[i] = self._density.near(*poses[i, :3].tolist())
+            x, y, theta, _ = poses[i].tolist()
+            mean[i] = self._mean_turning(x, y, theta, float(poses[i + 1, 2]))
         return float(mean @ length)
+
+    def _mean_turning(self, x: float, y: float, theta: float, end: float) -> float:
+        """Return the mean price in one place while the heading turns, the short way round."""
+        turn = math.remainder(end - theta, 2.0 * math.pi)
+        if turn == 0.0 or self.planar:
+            return self._density.near(x, y, theta)
+        # Between the headings of the map it is linear.
+        headings = self._density.values.shape[2] / (2.0 * math.pi)
+        low, high = sorted((theta * headings, (theta + turn) * headings))
+        knots = np.arange(math.ceil(low), math.floor(high) + 1)
+        at = np.unique([low, *knots, high])
+        prices = [self._density.near(x, y, each / headings) for each in at.tolist()]
+        return float(np.trapezoid(prices, at) / (high - low))
 
     def _is_even(self, shares: Floats, poses: Floats) -> bool:
         """Return whether a motion goes straight on at an even speed, as far as its poses tell."""

@@ -18,10 +18,11 @@ from ambinav.routes.route import Route
 from ambinav.runtime.array_types import Bools, Floats, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.improve.finishing import is_free
+from ambinav_planners.improve.finishing import finish, is_free
 from ambinav_planners.improve.route import improve
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.problem import Problem, cells_met, check_pose
+from ambinav_planners.registry import Budget, planner
 from ambinav_planners.search.costs_to_go import CostsToGo
 from ambinav_planners.search.lattice_graph import REACH, lattice_of
 from ambinav_planners.search.lattice_motions import STEPS
@@ -34,6 +35,9 @@ LONGEST = float(np.hypot(*STEPS.T).max())
 SAME = 0.3
 # The least cost per metre is taken by so much lower, against rounding.
 BELOW = 1.0 - 1e-6
+# A path over the lattice that costs so many times what is expected is not taken before a plan from
+# nothing: the lattice is that of the bare building, and may miss what is left beside obstacles.
+DEARER = 1.2
 # So many metres farther on than the robot, the last route is taken up again.
 AHEAD = (0.0, 0.5, 1.0, 2.0)
 
@@ -150,14 +154,47 @@ class Replanner:
         kept = None if last is None else self._rest(last, problem)
         if kept is not None and service.route_cost(kept, checker.steering) <= cost:
             poses, is_new = kept, False
-        elif path is None:
-            raise self._no_path(problem)
         else:
-            poses, is_new = improve(path, service, checker), True
+            poses, is_new = self._new_poses(problem, path, cost), True
         seconds = time.perf_counter() - started
         self.route = evaluate_route(service, poses, checker.steering, planner=NAME, seconds=seconds)
         sentence = _difference(last, self.route, is_new, why)
         return Replan(self.route, is_new, sentence, time.perf_counter() - started)
+
+    def _new_poses(self, problem: Problem, path: Floats | None, cost: float) -> Floats:
+        """Return the poses of a new route: the improved path, or what a plan from nothing finds.
+
+        Args:
+            problem: From the robot to the goal, past the obstacles.
+            path: The lattice's path, see `_lattice_path`.
+            cost: Its cost.
+
+        Raises:
+            NoPathError: nothing is found.
+        """
+        service, checker = problem.service, problem.checker
+        poses = None if path is None else improve(path, service, checker)
+        is_bare = checker is self._robot
+        if poses is not None and (is_bare or cost <= DEARER * self._expected(problem)):
+            return poses
+        if is_bare:
+            raise self._no_path(problem)
+        reference = planner("reference")
+        result = reference.solve(problem, Budget(seconds=math.inf))
+        if result.poses is None and poses is None:
+            raise self._no_path(problem)
+        found = [] if poses is None else [poses]
+        if result.poses is not None:
+            found.append(finish(reference, problem, result, None).poses)
+        return min(found, key=lambda each: service.route_cost(each, problem.steering))
+
+    def _expected(self, problem: Problem) -> float:
+        """Return the cost of what is left of the last route, obstacles or not; 0 without one."""
+        if self.route is None:
+            return 0.0
+        x, y, _ = problem.start
+        poses = _onward(self.route, self.route.progress(x, y).along, problem)
+        return problem.service.route_cost(poses, problem.steering)
 
     def _change_costs(self, amap: AmbiguityMap) -> bool:
         """Take costs from another map; return whether any changed."""
@@ -251,9 +288,7 @@ class Replanner:
         done = last.progress(x, y)
         best = None
         for ahead in AHEAD:
-            k = int(np.searchsorted(last.distance, done.along + ahead, side="right"))
-            poses = np.concatenate([[problem.start], last.poses[min(k, len(last.poses) - 1) :]])
-            poses = problem.steering.oriented(poses)
+            poses = _onward(last, done.along + ahead, problem)
             if is_free(poses, problem):
                 cost = problem.service.route_cost(poses, problem.steering)
                 if best is None or cost < best[0]:
@@ -275,6 +310,13 @@ class Replanner:
             "obstacles; wait until one is gone, or choose another goal.",
             labels.astype(np.int32), 0, 1, problem.start, problem.goal,
         )  # fmt: skip
+
+
+def _onward(route: Route, along: float, problem: Problem) -> Floats:
+    """Return the poses from a problem's start on to what a route has beyond so many metres."""
+    k = int(np.searchsorted(route.distance, along, side="right"))
+    poses = np.concatenate([[problem.start], route.poses[min(k, len(route.poses) - 1) :]])
+    return problem.steering.oriented(poses)
 
 
 def _forbidden(problem: Problem) -> Bools:

@@ -180,6 +180,30 @@ def test_axes_that_cost_nothing_are_refused(demo: AmbiguityService) -> None:
         AmbiguityObjective(posed, demo, pose=lambda s: (s.getX(), s.getY()))
 
 
+def test_who_turns_as_it_climbs_pays_for_each_heading(heading_map: AmbiguityMap) -> None:
+    """The mean over the turn, both ways, against a sum over many headings."""
+    service = AmbiguityService(heading_map, weight=6.0)
+    space = ob.CompoundStateSpace()
+    space.addSubspace(ob.SE2StateSpace(), 1.0)
+    space.addSubspace(ob.RealVectorStateSpace(1), 1.0)
+    si = ob.SpaceInformation(space)
+    objective = AmbiguityObjective(
+        si, service, pose=lambda s: (s[0].getX(), s[0].getY(), s[0].getYaw()),
+        height=lambda s: s[1][0],
+    )  # fmt: skip
+    a, b = si.allocState(), si.allocState()
+    for state, yaw, z in ((a, -0.3, 0.0), (b, 1.7, 1.5)):
+        state[0].setX(12.0)
+        state[0].setY(6.0)
+        state[0].setYaw(yaw)
+        state[1][0] = z
+    headings = -0.3 + 2.0 * (np.arange(4000) + 0.5) / 4000
+    mean = np.mean([service.density.near(12.0, 6.0, theta) for theta in headings.tolist()])
+    assert np.ptp([service.cost(12.0, 6.0, theta) for theta in (0.0, 0.8, 1.6)]) > 0.03
+    for ends in ((a, b), (b, a)):
+        assert objective.motionCost(*ends).value() == pytest.approx(1.5 * mean, rel=1e-4)
+
+
 def test_places_that_are_not_in_metres_are_refused(demo: AmbiguityService) -> None:
     """Nor sheared ones, where both axes are and the diagonal is not."""
     cells = ob.SpaceInformation(make_space(Steering(), BOUNDS))

@@ -120,6 +120,24 @@ def test_obstacles_are_passed_at_the_price_of_a_new_plan(
     assert freed.route.cost <= 1.02 * route.cost
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.50, 0.58, 0.66])
+def test_a_gap_beside_an_obstacle_is_found(gap: float) -> None:
+    """Of a corridor of 1.6 m, where the lattice has no cell in the middle of what is left."""
+    plan = shapely.box(0, 0, 14, 4).difference(shapely.box(6, 1.6, 8, 4))
+    scanner = RangeScanner.planar(LASER, 16, 2.0 * math.pi)
+    service = AmbiguityService(build_map(environment_from_shapes([plan]), scanner, spacing=0.25))
+    pallet = shapely.box(6.8, gap, 7.2, 1.6)
+    barred = RoutePlanner(service, keep_out=pallet.buffer(0.2)).plan((2.0, 2.0), (12.0, 2.0))
+    first = Replanner(RoutePlanner(service), (12.0, 2.0))
+    later = Replanner(RoutePlanner(service), (12.0, 2.0))
+    later.replan((2.0, 2.0))
+    for planner in (first, later):
+        route = planner.replan((2.0, 2.0), obstacles=pallet).route
+        assert route.cost <= 1.005 * barred.cost
+        assert shapely.linestrings(route.poses[:, :2]).distance(pallet) >= 0.2
+
+
 def test_the_way_into_the_goal_is_closed_on_a_fine_map(demo: AmbiguityService) -> None:
     # The goal is joined to cells 0.5 m away, ten spacings here.
     hall = environment_from_shapes([shapely.box(0.0, 0.0, 4.0, 3.0)])
