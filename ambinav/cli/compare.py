@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 SHOWN = {
     "lost": "lost, %",
     "error_p95": "95 % error, m",
-    "collided": "collided",
-    "arrived": "arrived",
-    "length": "length",
+    "collided": "collided, %",
+    "arrived": "arrived, %",
+    "length": "driven, m",
 }
 """Figures on the terminal, % and metres; the first two with their intervals."""
 WITH_INTERVAL = ("lost", "error_p95")
-FORECAST = "forecast"
+FORECAST = "forecast, %"
 """Forecast of lost robots, %, after the figure `lost`."""
 
 

@@ -101,6 +101,10 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
     ends = np.arange(len(drives)), drives.samples - 1
     last = truth[ends]
     near = np.hypot(last[:, 0] - drives.goal[0], last[:, 1] - drives.goal[1]) <= ARRIVAL
+    # In open loop the robot follows the route whatever it believes.
+    estimate = drives.estimate[ends]
+    off = np.hypot(estimate[:, 0] - drives.goal[0], estimate[:, 1] - drives.goal[1])
+    believed = (off <= ARRIVAL) | (not drives.open_loop)
     nothing = np.full(len(drives), math.nan)
     weak, strong, exposure = nothing, nothing, nothing
     if amap is not None:
@@ -109,7 +113,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
         amap.floor(layer)  # complains of a layer that is not there
         exposure = _exposure(truth, Field.of(amap, layer))
     return Metrics(
-        arrived=drives.reached & near,
+        arrived=drives.reached & near & believed,
         collided=drives.collided,
         lost=~np.isnan(lost_after),
         lost_after=lost_after,

@@ -26,6 +26,8 @@ LEAST: Final = 0.1
 """Stretches with less than this share of all losses are left out, and those that lose fewer than"""
 FEWEST: Final = 0.001
 """this share of all robots."""
+SHORT: Final = 2.0
+"""Metres of a stretch up to which its worst place stands for all of it."""
 ROUND: Final = 0.5
 """Error across the weak direction, as a share of that along it, from which floor counts as open."""
 
@@ -67,7 +69,13 @@ class Cause:
 
     def __str__(self) -> str:
         """Return place and kind in words."""
-        return f"most of them near ({self.x:.1f}, {self.y:.1f}) m, {_HOW[self.kind]}"
+        place = f"({self.x:.1f}, {self.y:.1f}) m"
+        if self.end - self.start <= SHORT:
+            return f"most of them near {place}, {_HOW[self.kind]}"
+        return (
+            f"most of them from {self.start:.1f} to {self.end:.1f} m along the route, at the "
+            f"highest rate near {place}, {_HOW[self.kind]}"
+        )
 
 
 def causes_of(

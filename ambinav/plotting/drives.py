@@ -145,7 +145,8 @@ def plot_spread(
     bar.ax.axhline(LOST_POSITION, color="#FFFFFF", linewidth=1.5)
     bar.outline.set_linewidth(0.5)
     bar.set_label(
-        f"error that 95 % of the runs stay below (m); lost: above {LOST_POSITION:g} m", fontsize=10
+        f"error after as many metres driven, 95 % of the runs below (m); lost: {LOST_POSITION:g} m",
+        fontsize=10,
     )
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)
     figure.legend(
@@ -183,7 +184,7 @@ def _legend_entries(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
         )  # fmt: skip
     if any(np.isnan(route.error).any() for route in driven):
         handles.append(
-            Line2D([], [], color=FEW, linewidth=5.0, label="fewer than a quarter came here")
+            Line2D([], [], color=FEW, linewidth=5.0, label="fewer than a quarter drove so far")
         )
     return handles
 

@@ -27,6 +27,8 @@ HIGHEST_CHOSEN_DEGREE = 3
 COVERAGE_WITHOUT_WARNING = 0.8
 BEYOND = 0.1
 """Share of the range by which a reading may lie beyond it without a warning."""
+FAR = 10.0
+"""Deviations, by the median of the absolute errors, from which an error is warned of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class CalibrationFit:
 
         Warns:
             InputWarning: the pairs cover less than 80 percent of the sensor's range, or readings
-                lie far beyond it or are 0.
+                lie far beyond it, are 0, or differ much from the others at like ranges.
         """
         if std_model not in get_args(StdModel):
             known = ", ".join(get_args(StdModel))
@@ -86,23 +88,35 @@ class CalibrationFit:
         d, reading = values[:, 0].copy(), values[:, 1].copy()
         _check_within(d, places, limits, source)
         # Noise carries some a little beyond it.
-        beyond = int((reading > limits[1] + BEYOND * (limits[1] - limits[0])).sum())
-        if beyond:
+        beyond = reading > limits[1] + BEYOND * (limits[1] - limits[0])
+        if beyond.any():
             warnings.warn(
-                f"{source}: {beyond} of {len(reading)} readings lie far beyond max_range, "
+                f"{source}: {beyond.sum()} of {len(reading)} readings lie far beyond max_range, "
                 f"{limits[1]:g} m, and count as errors; remove them, or correct max_range.",
                 InputWarning,
                 stacklevel=3,
             )
-        silent = int(((reading == 0.0) & (d > limits[0])).sum())
-        if silent:
+        silent = (reading == 0.0) & (d > limits[0])
+        if silent.any():
             warnings.warn(
-                f"{source}: {silent} of {len(reading)} readings are 0, which many drivers report "
-                "where there is no echo, and count as errors; remove them.",
+                f"{source}: {silent.sum()} of {len(reading)} readings are 0, which many drivers "
+                "report where there is no echo, and count as errors; remove them.",
                 InputWarning,
                 stacklevel=3,
             )
         error = reading - d
+        odd = _outliers(d, error)
+        odd = odd[~(beyond | silent)[odd]]
+        if len(odd):
+            worst = odd[np.abs(error[odd]).argmax()]
+            warnings.warn(
+                f"{source}: {len(odd)} of {len(reading)} readings differ from those at like ranges "
+                f"by more than {FAR:g} of their deviations (the farthest: {reading[worst]:g} m at "
+                f"{d[worst]:g} m) and count as errors; remove those without an echo, which many "
+                "drivers report as max_range.",
+                InputWarning,
+                stacklevel=3,
+            )
         if degree is None:
             degree = _best_degree(d, error)
         bias = _fit_polynomial(d, error, degree)
@@ -233,6 +247,16 @@ def _non_negative(basis: Floats, target: Floats) -> tuple[float, float]:
         return first, second
     single = [float(column @ target / (column @ column)) for column in basis.T]
     return (0.0, single[1]) if first < 0 else (single[0], 0.0)
+
+
+def _outliers(d: Floats, error: Floats) -> Indices:
+    """Return the pairs whose errors differ far from the median of those at like true ranges."""
+    odd = [
+        rows[off > FAR * 1.4826 * max(float(np.median(off)), 1e-6)]
+        for rows in _groups(d, 8)
+        for off in (np.abs(error[rows] - np.median(error[rows])),)
+    ]
+    return np.concatenate(odd)
 
 
 def _groups(d: Floats, most: int) -> list[Indices]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,21 @@ def test_readings_of_zero_warn() -> None:
     pairs[5:9, 1] = 0.0
     with pytest.warns(InputWarning, match=r"4 of \d+ readings are 0"):
         RangeSensor.fit(pairs, **LIMITS)
+
+
+def test_readings_without_an_echo_warn() -> None:
+    """Drivers report them as the largest range; ordinary ones are never called odd."""
+    rng = np.random.default_rng(5)
+    d = np.linspace(0.1, 5.5, 400)
+    reading = d + 0.02 + 0.01 * d + rng.normal(0.0, 0.01 + 0.004 * d)
+    pairs = np.column_stack([d, reading])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InputWarning)
+        CalibrationFit.fit(pairs, limits=(0.02, 5.6))
+        CalibrationFit.fit(np.column_stack([d, np.round(d, 2)]), limits=(0.02, 5.6))
+    pairs[::40, 1] = 5.6
+    with pytest.warns(InputWarning, match=r"10 of 400 readings differ .*: 5.6 m at 0.1 m\)"):
+        CalibrationFit.fit(pairs, limits=(0.02, 5.6))
 
 
 def test_pairs_over_a_part_of_the_range_warn() -> None:

@@ -66,7 +66,7 @@ def results_of(drives: Drives, measured: Metrics, length: float) -> Results:
 
 
 def quantiles(errors: Floats, shares: Sequence[float]) -> Floats:
-    """Compute quantiles over the runs that were still driving, shape (Q, S).
+    """Compute quantiles over the runs that still drove or stood at their goal, shape (Q, S).
 
     Args:
         errors: Shape (R, S), see `Results`.

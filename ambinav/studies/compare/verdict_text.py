@@ -14,6 +14,8 @@ from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.studies.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
 
 ERROR: Final = "95th percentile of the error"
+MOST_DIGITS: Final = 4
+"""Decimals of a difference at most."""
 
 EFFECTS: Final[dict[Effect, str]] = {
     "better": "better",
@@ -155,7 +157,9 @@ def length_text(ratio: float) -> str:
     extra = 100.0 * (ratio - 1.0)
     if abs(extra) < 0.05:
         return "as long"
-    return f"{abs(extra):.1f} % {'longer' if extra > 0.0 else 'shorter'}"
+    # A little more than the whole percentage that a criterion allows reads as more.
+    digits = 2 if round(extra, 1) == round(extra) != round(extra, 9) else 1
+    return f"{abs(extra):.{digits}f} % {'longer' if extra > 0.0 else 'shorter'}"
 
 
 def _same(verdict: Verdict) -> bool:
@@ -190,6 +194,9 @@ def _interval(interval: Interval, scale: float, digits: int) -> str:
 def _signed(value: float, digits: int) -> str:
     if math.isnan(value):
         return "-"
+    # Enough digits for what is not 0 to read as such.
+    while value != 0.0 and round(value, digits) == 0.0 and digits < MOST_DIGITS:
+        digits += 1
     rounded = round(value, digits) + 0.0
     return f"{rounded:+.{digits}f}" if rounded else f"{rounded:.{digits}f}"
 

@@ -189,7 +189,8 @@ def settings_for(
     for setting in settings:
         if names.count(setting.name) > 1:
             raise InputError(
-                f"two places are called {setting.place.name!r}; give it once, or rename a file."
+                f"two places are called {setting.place.name!r}, of maps, tasks and suites, some of "
+                "which are driven by default; give each once, or rename a map's file."
             )
     for name, arguments in ((setting.condition, setting.changed) for setting in settings):
         if any(s.changed != arguments for s in settings if s.condition == name):

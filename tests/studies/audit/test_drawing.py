@@ -22,6 +22,7 @@ from pathlib import Path
 import shapely
 import ambinav as an
 from ambinav.studies.audit.audit import audit
+from ambinav.runtime.progress import silent
 from ambinav.studies.audit.drawing import DrawingProcess, drawing
 
 env = an.environment_from_shapes([shapely.box(0, 0, 8, 3)], name="room")
@@ -36,17 +37,17 @@ with drawing() as draw:
     assert said[-1] == 1.0 and said == sorted(said), said
     assert "matplotlib.figure" not in sys.modules
     try:
-        draw(found, folder / "nowhere", None, "png")
+        draw(found, folder / "nowhere", silent, "png")
     except OSError as error:
         print("OSError", error.filename)
     try:
-        draw(replace(found, findings=(None,)), folder / "apart", None, "png")
+        draw(replace(found, findings=(None,)), folder / "apart", silent, "png")
     except RuntimeError as error:
         print(str(error).splitlines()[0])
     process = draw.__self__.process
     os.kill(process.pid, signal.SIGKILL)
     try:
-        draw(found, folder / "apart", None, "png")
+        draw(found, folder / "apart", silent, "png")
     except RuntimeError as error:
         print(error)
 from ambinav.studies.audit.pictures import save_pictures
