@@ -145,7 +145,8 @@ def plot_spread(
     bar.ax.axhline(LOST_POSITION, color="#FFFFFF", linewidth=1.5)
     bar.outline.set_linewidth(0.5)
     bar.set_label(
-        f"error after as many metres driven, 95 % of the runs below (m); lost: {LOST_POSITION:g} m",
+        "error after as many metres driven (m),\n"
+        f"that 95 % of the runs stay below; lost: above {LOST_POSITION:g} m",
         fontsize=10,
     )
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)

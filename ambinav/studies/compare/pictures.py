@@ -48,7 +48,7 @@ def pair_figures(
                 kinds=kinds,
             ),
             f"spread-{name}": partial(
-                plot_spread, setup.amap, driven, f"Error after as many metres: {pair}", world
+                plot_spread, setup.amap, driven, f"Error of the localizer: {pair}", world
             ),
             f"errors-{name}": partial(plot_errors, driven, f"Error along the route: {pair}"),
         }
