@@ -288,7 +288,7 @@ def _print_table(routes: Mapping[str, Route], lost: Mapping[str, float] | None =
         )
         for name, route in routes.items()
     )
-    forecast = () if lost is None else ("forecast lost",)
+    forecast = () if lost is None else ("forecast",)
     columns = "route", "length", "cost", "exposure", "corridor", "open", *forecast, "time"
     notes = [unexplored_note(floor, name) for name, floor in floors.items()]
     legend = f"corridor, open: metres; {IN_BRACKETS}"

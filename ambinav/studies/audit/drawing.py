@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ambinav.maps import schema
+from ambinav.runtime.errors import InputError
 from ambinav.runtime.processes import ChildProcess, begin_worker
 from ambinav.runtime.progress import Progress, silent
 
@@ -74,7 +75,7 @@ class DrawingProcess(ChildProcess):
             image_format: One of `ambinav.plotting.style.FORMATS`.
 
         Raises:
-            OSError: a picture cannot be written.
+            InputError, OSError: a picture cannot be written.
             RuntimeError: it failed otherwise, or was killed.
         """
         # Only the floor of a three-dimensional building is drawn; its many triangles are dropped.
@@ -109,7 +110,7 @@ def _serve(line: Connection) -> None:
         failure: Exception | None = None
         try:
             save_pictures(audit, folder, line.send, image_format)
-        except OSError as error:
+        except (InputError, OSError) as error:
             failure = error
         except Exception:
             failure = RuntimeError(f"the pictures cannot be drawn\n{traceback.format_exc()}")

@@ -118,16 +118,21 @@ class Run:
         self._begin(command)
 
     def _check_evaluation(self) -> None:
-        """Begin the first episode of the evaluation, before hours are spent.
+        """Begin an episode of the training and one of the evaluation, before hours are spent.
 
         Raises:
             InputError: the policy does not fit, or a building has no room for the task.
         """
+        config, seed = self.config, self.config.evaluation.seed
         try:
-            self._judged.check(self._policy, self.config.evaluation.seed)
-        except InputError as error:
+            Arena.of(config.environment["id"], config.given).check(self._policy, seed)
+            try:
+                self._judged.check(self._policy, seed)
+            except InputError as error:
+                raise InputError(f"evaluation.environment: {error}") from error
+        except InputError:
             self.envs.close()
-            raise InputError(f"evaluation.environment: {error}") from error
+            raise
 
     def _begin(self, command: Sequence[str]) -> None:
         """Write the files that exist before the first round."""
