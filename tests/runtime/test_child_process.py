@@ -20,13 +20,14 @@ def echo(line: Connection, more: int) -> None:
 
 @pytest.mark.parametrize("method", ["forkserver", "spawn"])
 def test_it_answers_and_ends(method: str) -> None:
+    others = set(multiprocessing.active_children())
     child = ChildProcess(method, echo, 3)
     child.line.send(4)
     assert child.line.recv() == 7
     for _ in range(2):
         child.kill()
         child.end()
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= others
 
 
 def test_a_signal_as_it_starts_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,7 +37,8 @@ def test_a_signal_as_it_starts_leaves_no_process(monkeypatch: pytest.MonkeyPatch
         begin(process)
         os.kill(os.getpid(), signal.SIGINT)
 
+    others = set(multiprocessing.active_children())
     monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", start)
     with pytest.raises(KeyboardInterrupt):
         ChildProcess("spawn", echo, 3)
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= others
