@@ -107,13 +107,13 @@ def _from_table(address: Address) -> Iterator[Site]:
         text = content.decode("utf-8-sig")
         # Spreadsheets separate by what their language leaves free.
         first, _, rest = text.partition("\n")
-        told = _SEPARATOR.fullmatch(first)
-        separator = told[1] if told else max(",;\t", key=first.count)
-        lines = io.StringIO(rest if told else text, newline="")
+        declared = _SEPARATOR.fullmatch(first)
+        separator = declared[1] if declared else max(",;\t", key=first.count)
+        lines = io.StringIO(rest if declared else text, newline="")
         table = csv.DictReader(lines, strict=True, delimiter=separator)
         columns = [column.strip() for column in table.fieldnames or ()]
         table.fieldnames = columns
-        rows = [(table.line_num + bool(told), row) for row in table]
+        rows = [(table.line_num + bool(declared), row) for row in table]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             f"{address}: this is not CSV in UTF-8 ({error}); save it as such."
