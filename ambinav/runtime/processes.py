@@ -40,9 +40,11 @@ def putting_signals_off() -> Iterator[None]:
     try:
         yield
     finally:
+        # First, so that what another thread has taken meanwhile is put off too, and does not raise
+        # before the mask is as it was.
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for received in dict.fromkeys(delayed):
             signal.raise_signal(received)
 
