@@ -116,7 +116,7 @@ def choose(
         checks: Other poses of the same maps.
         limit: Points, above 0.
         rng: Draws candidates and random subsets.
-        progress: Called with the share done, from 0 to 1, as far as that can be told.
+        progress: Called with the share done, from 0 to 1, as far as that is known.
 
     Raises:
         InputError: the limit is out of its range, or the scanner has a single beam.
