@@ -12,8 +12,8 @@ from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
-from ambinav_planners.improve.finishing import finish, not_found
-from ambinav_planners.planning import NotFoundError, RoutePlanner, planner_name_or_default
+from ambinav_planners.improve.finishing import finish
+from ambinav_planners.planning import RoutePlanner, not_found_error, planner_name_or_default
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import found_on, reference_graph
 from ambinav_planners.registry import Budget, Planner, PlannerResult, check_suits, planner
@@ -114,7 +114,7 @@ def _cheapest_route(
     )
     if result.poses is None:
         check_reachable(problem)
-        raise NotFoundError(not_found(chosen, problem, budget))
+        raise not_found_error(chosen, problem, budget)
     result = replace(result, seconds=time.perf_counter() - started)
     return finish(chosen, problem, result, budget.seed, improved=improved)
 

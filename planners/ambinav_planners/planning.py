@@ -26,9 +26,10 @@ from ambinav_planners.graph_pricing import PricedGraph
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.problem import Problem, check_pose, make_checker
-from ambinav_planners.registry import PLANNERS, Budget, PlannerResult, check_suits, planner
+from ambinav_planners.registry import PLANNERS, Budget, Planner, PlannerResult, check_suits, planner
 from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.limit import BadStretchLimit
+from ambinav_planners.search.lower_bound import quick_lower_bound
 from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
 
@@ -45,7 +46,16 @@ LARGEST_RADIUS = 10.0
 
 
 class NotFoundError(InputError):
-    """A planner found no path in its time, though the lattice does not rule one out."""
+    """A planner found no path in its time, though the lattice does not rule one out.
+
+    Attributes:
+        bound: Proven lower bound of what a route would cost, metres-equivalent; 0: none is known.
+    """
+
+    def __init__(self, message: str, bound: float = 0.0) -> None:
+        """Create the error from its message and the bound."""
+        super().__init__(message)
+        self.bound = bound
 
 
 class RoutePlanner:
@@ -227,15 +237,22 @@ class RoutePlanner:
             result = chosen.solve(problem, budget)
         if result.poses is None:
             check_reachable(problem)
-            raise NotFoundError(
-                not_found(chosen, problem, budget) if graph is None else graph.why_not(problem)
-            )
+            if graph is not None:
+                raise NotFoundError(graph.why_not(problem))
+            raise not_found_error(chosen, problem, budget)
         if not is_free(result.poses, problem):
             raise NotFoundError(
                 f"planner {chosen.name!r} found only a path that touches a wall; give it more "
                 "time, or another planner."
             )
         return finish(chosen, problem, result, seed, improved=improved, on_path=on_path)
+
+
+def not_found_error(chosen: Planner, problem: Problem, budget: Budget) -> NotFoundError:
+    """Return the error of a planner that found no path, with a bound of what one would cost."""
+    bound = quick_lower_bound(problem)
+    message = f"{not_found(chosen, problem, budget)} No route costs less than {bound:.2f}."
+    return NotFoundError(message, bound)
 
 
 def default_planner(

@@ -110,6 +110,13 @@ def test_a_budget_that_is_too_small(robot: RoutePlanner, name: str) -> None:
             robot.plan(START, GOAL, planner_name=name, iterations=3)
 
 
+def test_a_planner_that_finds_nothing_says_what_a_route_costs_at_least(robot: RoutePlanner) -> None:
+    best = robot.plan(START, GOAL).cost
+    with pytest.raises(NotFoundError, match=r"No route costs less than \d+\.\d\d\.") as caught:
+        robot.plan(START, GOAL, planner_name="prmstar", seconds=1e-9)
+    assert 0.97 * best < caught.value.bound <= best
+
+
 BAD_ENDS = {
     "outside": ((-50.0, 3.0), r"outside of the map, which reaches from .*nearest.*\d\.\d\d m away"),
     "not a number": ((3.0, math.nan), r"is \(3\.0, nan\); give x and y in metres"),

@@ -24,7 +24,10 @@ from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.threads import run_rows, share
 from ambinav.service.field import Field
 from ambinav_planners.problem import Problem
+from ambinav_planners.search.costs_to_go import cost_to_go
+from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.proof_grid import BINS, ROUNDING, Place, ProofGrid, flattened, prove
+from ambinav_planners.search.reachability import planar
 from ambinav_planners.search.subsolution import (
     allowed_radii,
     relax,
@@ -68,6 +71,9 @@ def weights_of_headings(circle: Floats, headings: int) -> Floats:
 
 CIRCLE = directions()
 
+# Cells and gap of a bound without a route: half a second.
+QUICK_CELLS, QUICK_GAP = 10_000, 0.01
+
 
 def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple[float, float]:
     """Return a lower bound of the cost of all paths, and the edge of the finest cells, metres.
@@ -105,6 +111,20 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
         carried=1.0 if by_heading else CARRIED,
     )  # fmt: skip
     return bound, grid.edges[0]
+
+
+def quick_lower_bound(problem: Problem) -> float:
+    """Return a lower bound of the cost of all paths where none is known.
+
+    It is at most the cost on the lattice for the largest disc within the footprint.
+    """
+    checker = planar(problem.checker)
+    graph = lattice_of(problem.service, checker).with_ends(problem.ends, checker)
+    start = len(graph.poses) - 2
+    known = cost_to_go(graph, graph.cost(problem.service.weight), start + 1)[start]
+    if not math.isfinite(known):
+        return math.dist(problem.start[:2], problem.goal[:2])
+    return lower_bound(problem, float(known), QUICK_GAP, QUICK_CELLS)[0]
 
 
 def _allowed(problem: Problem) -> Field:
