@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.ambiguity.tensor import classify, classify_over_headings, relative_radii
 from ambinav.casting.packed import packed
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -126,14 +126,15 @@ def pose_layers(
         full = np.full((*lattice.free.shape, *values.shape[1:]), empty, dtype=dtype)
         full[lattice.free] = values
         dims = ("y", "x", "theta")[: full.ndim]
-        title = f"{record.title} ({SUMMARY[summary]})" if summary else record.title
+        of_all = "over all headings" if (name, summary) == ("zone", "mean") else None
+        title = f"{record.title} ({of_all or SUMMARY[summary]})" if summary else record.title
         key = f"{name}_{summary}" if summary else name
         variables[key] = xr.DataArray(full, dims=dims, attrs=_attributes(title, record.unit))
 
     for name, values in (layers | {"zone": zone}).items():
         add(name, values[:, 0] if theta is None else values)
     if theta is not None:
-        _summarize(layers, zone, theta, results.sums, model, add)
+        _summarize(layers, zone, theta, results.sums, add)
     if results.turning is not None:
         add("heading_radius", results.turning[:, 0])
         add("heading", np.minimum(results.turning[:, 0] / results.turning[:, 1], 1.0))
@@ -234,7 +235,6 @@ def _summarize(
     zone: Bytes,
     theta: Floats,
     sums: Floats,
-    model: AmbiguityModel,
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
     """Add the aggregates over the possible headings."""
@@ -244,8 +244,7 @@ def _summarize(
 
     for name in kept("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")
-    major, minor = np.nanmean(layers["major"], axis=1), np.nanmean(layers["minor"], axis=1)
-    add("zone", classify(major, minor, model.low, model.high), "mean")
+    add("zone", classify_over_headings(zone), "mean")
     mean = np.nanmean(sums, axis=1)
     add("direction", principal_axes(mean[:, 1], mean[:, 2], mean[:, 3])[2], "mean")
     level = layers["level"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ambinav.geometry.principal_axes import principal_axes
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION, ZONES
 from ambinav.runtime.array_types import Bytes, Floats
 
 
@@ -50,3 +50,19 @@ def classify(major: Floats, minor: Floats, low: float, high: float) -> Bytes:
     zone[np.minimum(major, minor) >= high] = OPEN
     zone[np.isnan(major)] = NOT_FREE
     return zone
+
+
+def classify_over_headings(zone: Bytes) -> Bytes:
+    """Return the zone of a place from those of its headings, shape (..., H) -> (...).
+
+    Bad (corridor or open) if half or more of the possible headings are; of the two bad zones, and
+    of the two others, the one of more headings; ties go to the worse. Not free without a possible
+    heading.
+    """
+    localizable, transition, corridor, open_ = (
+        (zone == code).sum(axis=-1) for code in range(len(ZONES))
+    )
+    worse = np.where(open_ >= corridor, OPEN, CORRIDOR)
+    better = np.where(transition >= localizable, TRANSITION, LOCALIZABLE)
+    out = np.where(corridor + open_ >= localizable + transition, worse, better)
+    return np.asarray(np.where((zone == NOT_FREE).all(axis=-1), NOT_FREE, out), dtype=np.uint8)

@@ -46,7 +46,8 @@ class CoreLayer(LayerRecord):
             or from the nearest cell, where values in between mean nothing.
         share: Whether it runs from 0 to 1: drawn on that scale, so that pictures can be compared.
         summaries: Of `AGGREGATES` those of its values that a map with headings keeps. (The mean
-            of `zone` and `direction` is that of the mean tensor, and not listed here.)
+            of `direction` is that of the mean tensor and the one of `zone` that of most headings,
+            and not listed here.)
         required: Whether a dataset without it is no ambiguity map.
     """
 

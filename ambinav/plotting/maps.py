@@ -52,7 +52,7 @@ def plot_zones(
         InputError: no such heading.
     """
     parts = amap.judged if parts is None else parts
-    title = title or floor_title(amap, "Zones", heading)
+    title = title or floor_title(amap, "Zones", heading, mean="over all headings")
     floor = FloorFigure(amap, ax, title, longest=longest)
     paint_zones(floor, heading, parts)
     if strokes:
@@ -138,13 +138,15 @@ def paint_codes(
     floor.paint(picture)
 
 
-def floor_title(amap: AmbiguityMap, what: str, heading: Heading | None) -> str:
+def floor_title(
+    amap: AmbiguityMap, what: str, heading: Heading | None, mean: str = "mean over all headings"
+) -> str:
     """Return a title: content, scanner, building, and heading if it matters and is not None."""
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if heading is None or not amap.has_theta:
         return text
     if heading == "mean":
-        return f"{text} (mean over all headings)"
+        return f"{text} ({mean})"
     if isinstance(heading, str):
         return f"{text} (each point at its {heading} heading)"
     return f"{text} (heading {math.degrees(heading):.0f}°)"

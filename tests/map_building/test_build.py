@@ -14,6 +14,7 @@ import pytest
 
 import ambinav
 from ambinav.ambiguity import kernel
+from ambinav.ambiguity.tensor import classify_over_headings
 from ambinav.geometry.environment import Environment
 from ambinav.map_building import build
 from ambinav.map_building.build import build_map
@@ -183,6 +184,8 @@ def test_aggregates_are_those_of_the_layer(turning: AmbiguityMap) -> None:
     assert (level[np.arange(len(at)), at] == best).all()
     zone = dataset["zone"].values[free]
     assert (dataset["zone_best"].values[free] == zone[np.arange(len(at)), at]).all()
+    assert (dataset["zone_mean"].values[free] == classify_over_headings(zone)).all()
+    assert (dataset["zone_mean"].values[~free] == NOT_FREE).all()
 
 
 def test_each_heading_is_the_map_of_the_turned_scanner(env: Environment, fan: RangeScanner) -> None:

@@ -26,7 +26,7 @@ _COLOURS: Final = (
 def thumbnail(amap: AmbiguityMap) -> bytes:
     """Return a PNG of the floor, a pixel for a block of cells: its worst one.
 
-    Where the heading matters, the mean over headings decides.
+    Where the heading matters, the zone over all headings decides.
     """
     data = amap.dataset
     level = amap.floor("level", "mean").values.astype(np.float64)

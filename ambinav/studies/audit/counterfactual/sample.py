@@ -16,12 +16,12 @@ import numpy as np
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import points_near
 from ambinav.ambiguity.panorama import view_radii
-from ambinav.ambiguity.tensor import classify
+from ambinav.ambiguity.tensor import classify, classify_over_headings
 from ambinav.drive.bootstrap import Interval, share
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import BAD, LOCALIZABLE, TRANSITION
+from ambinav.maps.zones import BAD, LOCALIZABLE, NOT_FREE, TRANSITION
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
@@ -90,7 +90,7 @@ class FloorSample:
     def zones(self, scanners: Sequence[RangeScanner], point: Ints) -> Bytes:
         """Compute zone codes of points for several scanners, shape (S, K), as their maps have them.
 
-        In the mean over headings; not free where a scanner's sensors have no room at any.
+        Over all headings; not free where a scanner's sensors have no room at any.
         """
         near = points_near(
             self.lattice, mask_of(point, len(self.lattice.rows_columns)), self.model.radius
@@ -99,18 +99,13 @@ class FloorSample:
         inner = np.searchsorted(np.flatnonzero(near), point)
         views, possible = scanner_views(lattice, scanners, None, self.headings)
         shape = len(scanners), len(point), len(self.headings)
-        radii = np.full((2, *shape), np.nan)
+        zones = np.full(shape, NOT_FREE, dtype=np.uint8)
         pieces = view_radii(lattice, possible, inner, [entry.view for entry in views], self.model)
         for numbers, at, major, minor in pieces:
+            zone = classify(major, minor, self.model.low, self.model.high)
             for i in numbers:
-                cells = np.ix_(at, views[i].headings)
-                radii[0][views[i].scanner][cells] = major[:, None]
-                radii[1][views[i].scanner][cells] = minor[:, None]
-        known = np.isfinite(radii)
-        count = known.sum(axis=3)
-        mean = np.where(known, radii, 0.0).sum(axis=3) / np.maximum(count, 1)
-        mean[count == 0] = np.nan
-        return classify(mean[0], mean[1], self.model.low, self.model.high)
+                zones[views[i].scanner][np.ix_(at, views[i].headings)] = zone[:, None]
+        return classify_over_headings(zones)
 
     def improved(self, point: Ints, zone: Bytes) -> tuple[ImprovedPlace, ...]:
         """Estimate where most floor becomes good: so much of so many bad places, largest first.

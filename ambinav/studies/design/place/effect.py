@@ -23,7 +23,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.ambiguity.feasible_poses import TOUCHING
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
 from ambinav.ambiguity.returns import BEYOND, panorama_returns
-from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.ambiguity.tensor import classify, classify_over_headings, relative_radii
 from ambinav.casting.added import AddedWalls
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
@@ -255,11 +255,15 @@ class Effects:
         pose = self._pose[places]
         of_pose = radii[:, pose if number is None else number[pose]]
         heading = self.places.heading[places]
+        model = self.setting.model
+        zones = classify(of_pose[0], of_pose[1], model.low, model.high)
+        at = np.maximum(heading, 0)[:, None]
+        own = np.take_along_axis(of_pose[2], at, axis=1)[:, 0]
+        own_zone = np.take_along_axis(zones, at, axis=1)[:, 0]
         # No pose that counts is impossible at all headings.
-        mean = np.nanmean(of_pose, axis=2)
-        own = np.take_along_axis(of_pose, np.maximum(heading, 0)[None, :, None], axis=2)[..., 0]
-        major, minor, level = np.where((heading == ALL_HEADINGS) | np.isnan(own), mean, own)
-        return classify(major, minor, self.setting.model.low, self.setting.model.high), level
+        every = (heading == ALL_HEADINGS) | np.isnan(own)
+        level = np.where(every, np.nanmean(of_pose[2], axis=1), own)
+        return np.where(every, classify_over_headings(zones), own_zone), level
 
     def _compared(self, around: Neighbourhoods, data: Floats32) -> Floats:
         radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))

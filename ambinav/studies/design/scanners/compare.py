@@ -59,7 +59,7 @@ class ScannerRow:
     Attributes:
         scanner: The scanner.
         parts: Masks of the floor that counts: explored by this scanner, and reached by the robot.
-        zone: uint8, shape (ny, nx): zone of each cell, the mean over headings where they matter.
+        zone: uint8, shape (ny, nx): zone of each cell, over all headings where they matter.
         shares: Area and share of each zone of the floor that counts, in the order of ZONES.
         best: The same with the robot at the best heading of every place; None where the heading
             does not matter.

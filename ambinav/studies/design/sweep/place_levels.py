@@ -13,7 +13,7 @@ from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import points_near
 from ambinav.ambiguity.panorama import view_radii
-from ambinav.ambiguity.tensor import classify
+from ambinav.ambiguity.tensor import classify, classify_over_headings
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -131,7 +131,6 @@ def place_levels(
     lattice, point = lattice.among(near), np.searchsorted(np.flatnonzero(near), places.point)
     level = np.full(shape, np.nan, dtype=np.float32)
     zone = np.full(shape, NOT_FREE, dtype=np.uint8)
-    radii = np.zeros((2, *shape[:2]))  # summed over headings
     done = 0.0
     for here, angles in _groups(places, headings, on_route):
         views, possible = scanner_views(lattice, scanners, order, angles)
@@ -142,16 +141,12 @@ def place_levels(
                 cells = np.ix_(here[at], views[i].headings)
                 level[views[i].scanner][cells] = levels[:, None]
                 zone[views[i].scanner][cells] = zones[:, None]
-                summed = len(views[i].headings) * np.stack([major, minor])
-                radii[:, views[i].scanner, here[at]] += np.nan_to_num(summed)
             done += len(at) * len(numbers) / (len(places) * len(views))
             progress(min(done, 1.0))
     if shape[2] > 1:
-        # As in a map: the zone of a place is that of its radii in the mean over headings.
-        known = np.isfinite(level)
-        major, minor = radii / np.maximum(known.sum(axis=2), 1)
-        mean = classify(major, minor, model.low, model.high)[..., None]
-        zone = np.where(known, mean, np.uint8(NOT_FREE))
+        # As in a map: the zone of a place is one of all its headings.
+        of_place = classify_over_headings(zone)[..., None]
+        zone = np.where(np.isfinite(level), of_place, np.uint8(NOT_FREE))
     return PlaceLevels(x, y, places, amount, headings, level, zone, model)
 
 
