@@ -13,8 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import gymnasium as gym
 import numba
 import numpy as np
+import psutil
 from harness import arguments, interleave, option, report, spread, table
 from numpy.typing import NDArray
 from peers import IrSim, world_of
@@ -226,6 +228,56 @@ def rows_beside_irsim(
     return version, rows
 
 
+def rows_beside_cartpole(
+    options: dict[str, Any], steps: int, repeats: int
+) -> list[tuple[str, ...]]:
+    """Return microseconds of a step of one robot and of CartPole-v1, on one thread.
+
+    Seconds are the processor's. Both choose nothing: their actions are drawn beforehand.
+    """
+    numba.set_num_threads(1)
+    envs: dict[str, gym.Env[Any, Any]] = {
+        "CartPole-v1": gym.make("CartPole-v1"),
+        "one robot, no window": NavigationEnv(window=False, **options),
+        "one robot, with the window": NavigationEnv(window=True, **options),
+    }
+
+    def stepping(env: gym.Env[Any, Any]) -> Callable[[], object]:
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        actions = [env.action_space.sample() for _ in range(steps)]
+
+        def run() -> None:
+            for action in actions:
+                _, _, terminated, truncated, _ = env.step(action)
+                if terminated or truncated:
+                    env.reset()
+
+        return run
+
+    timings = interleave(
+        {name: stepping(env) for name, env in envs.items()}, repeats, time.process_time
+    )
+    cart = timings["CartPole-v1"]
+    return [
+        (name, spread([1e6 * s / steps for s in timing.seconds], 1), cart.ratio(timing))
+        for name, timing in timings.items()
+    ]
+
+
+def growth_of_memory(options: dict[str, Any], steps: int = 1_000_000) -> str:
+    """Return by how much the process grows in a million steps of 64 robots, in megabytes.
+
+    A tenth of the steps comes before, in which what is kept for each goal is made.
+    """
+    run = Driving(64, steps // (64 * 10), options | {"window": True})
+    run()
+    before = psutil.Process().memory_info().rss
+    for _ in range(10):
+        run()
+    return f"{(psutil.Process().memory_info().rss - before) / 1e6:.1f}"
+
+
 def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
     """Return the time to begin an episode in a new building."""
     env = NavigationEnv(**options | {"buildings": None})
@@ -287,6 +339,14 @@ def main() -> None:
             f"{milliseconds_of_buildings(options, args.repeats)} milliseconds.\n\n"
             f"A new episode: {microseconds_of_resets(options, args.repeats)} microseconds where "
             "the distances to its goal are known from an earlier one.",
+            "## Beside CartPole\n\nMicroseconds of the processor for a step, random actions, new "
+            "episodes included.",
+            table(
+                ("environment", "microseconds", "times CartPole-v1"),
+                rows_beside_cartpole(options, 20 * args.steps, args.repeats),
+            ),
+            f"## Memory\n\nA million steps of 64 robots with the window, after 100 000 others: the "
+            f"process grows by {growth_of_memory(options)} MB.",
         ]
     )
     if args.irsim_python is not None:
