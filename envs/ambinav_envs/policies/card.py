@@ -22,10 +22,13 @@ from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
 from ambinav_envs.registration import is_plain, with_task, without_own_module
 from ambinav_envs.tasks import NAMESPACE
 
-FORMAT: Final = 3
+FORMAT: Final = 4
 CARD: Final = "ambinav.json"
 """Member of a policy file with its card."""
 
+_REQUIRED: Final = (
+    "algorithm", "environment", "observation", "action", "steps", "network", "weights_sha256",
+)  # fmt: skip
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
 
@@ -52,6 +55,7 @@ class Card:
             none.
         base: The reactive baseline that the network corrects, one of `corrected.BASES`; None: its
             actions are those of the robot.
+        weights_sha256: SHA-256 of the member that holds the weights, in hexadecimal.
         format: Format of the file.
     """
 
@@ -67,6 +71,7 @@ class Card:
     network: dict[str, Any] = field(default_factory=dict)
     normalization: dict[str, float] | None = None
     base: str | None = None
+    weights_sha256: str = ""
     format: int = FORMAT
 
 
@@ -89,7 +94,7 @@ def parse_card(content: bytes) -> Card:
     for key in plain:
         if key not in known:
             raise InputError(f"{CARD} has the key {key[:80]!r}, which is unknown; save it again.")
-    for key in ("algorithm", "environment", "observation", "action", "steps", "network"):
+    for key in _REQUIRED:
         if key not in plain:
             raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
     card = Card(**{"seed": None, **plain})

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -151,7 +152,6 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
     Raises:
         InputError: a value of the card is not plain, or nothing can be written.
     """
-    text = card_text(policy.card)
     tensors = {_POLICY + name: values for name, values in policy.weights.items()}
     if policy.normalization is not None:
         own = policy.normalization.tensors()
@@ -159,6 +159,7 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
     # It takes the bytes as they lie.
     tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
     content = required("safetensors.numpy").save(tensors)
+    text = card_text(replace(policy.card, weights_sha256=hashlib.sha256(content).hexdigest()))
     with replacing(Path(path)) as fresh:
         write_archive(fresh, {CARD: text.encode(), WEIGHTS: content})
 
@@ -212,6 +213,11 @@ def _read(path: Path) -> tuple[Card, dict[str, bytes]]:
 def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
     if WEIGHTS not in members:
         raise InputError(f"the member {WEIGHTS} is missing; copy or train it again.")
+    if hashlib.sha256(members[WEIGHTS]).hexdigest() != card.weights_sha256:
+        raise InputError(
+            f"{WEIGHTS} was changed since the policy was saved: its SHA-256 is not the "
+            f"weights_sha256 in {CARD}; copy or train it again."
+        )
     reader = required("safetensors.numpy")
     try:
         tensors: dict[str, NDArray[Any]] = reader.load(members[WEIGHTS])

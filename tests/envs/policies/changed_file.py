@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import zipfile
 from collections.abc import Callable
@@ -50,4 +51,10 @@ def with_tensors(file: Path, out: Path, change: Callable[[dict[str, Any]], Any])
     members = members_of(file)
     tensors = load(members[WEIGHTS])
     change(tensors)
-    return written(out, members | {WEIGHTS: save(tensors)})
+    return written(out, with_weights(members, save(tensors)))
+
+
+def with_weights(members: dict[str, bytes], weights: bytes) -> dict[str, bytes]:
+    """Other weights, with a card that names them."""
+    card = json.loads(members[CARD]) | {"weights_sha256": hashlib.sha256(weights).hexdigest()}
+    return members | {WEIGHTS: weights, CARD: json.dumps(card).encode()}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.numpy import load, save
 
 pytest.importorskip("stable_baselines3")
 
@@ -16,7 +17,14 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.file import WEIGHTS
-from tests.envs.policies.changed_file import members_of, refusal, with_card, with_tensors, written
+from tests.envs.policies.changed_file import (
+    members_of,
+    refusal,
+    with_card,
+    with_tensors,
+    with_weights,
+    written,
+)
 from tests.envs.policies.models import saved
 
 
@@ -54,6 +62,14 @@ def test_odd_tensors(change: Any, message: str, file: Path, tmp_path: Path) -> N
     assert message in refusal(with_tensors(file, tmp_path / "p.zip", change))
 
 
+def test_weights_that_somebody_changed(file: Path, tmp_path: Path) -> None:
+    members = members_of(file)
+    tensors = load(members[WEIGHTS])
+    tensors[LOG_STD] += np.float32(0.5)
+    path = written(tmp_path / "p.zip", members | {WEIGHTS: save(tensors)})
+    assert "was changed since the policy was saved" in refusal(path)
+
+
 def odd_header(file: Path, out: Path, kind: str) -> Path:
     """Weights whose header lies."""
     members = members_of(file)
@@ -75,7 +91,7 @@ def odd_header(file: Path, out: Path, kind: str) -> Path:
         text = text[:-1] + b"," + text[1:]
     start = (1 << 60) if kind == "long" else len(text)
     changed = start.to_bytes(8, "little") + text + content[8 + size :]
-    return written(out, members | {WEIGHTS: changed[: -9 if kind == "cut" else None]})
+    return written(out, with_weights(members, changed[: -9 if kind == "cut" else None]))
 
 
 @pytest.mark.parametrize(
@@ -151,8 +167,8 @@ def test_odd_cards(change: Any, message: str, file: Path, tmp_path: Path) -> Non
     assert message in refusal(with_card(file, tmp_path / "p.zip", change))
 
 
-@pytest.mark.parametrize("text", [b"[" * 100_000, b'{"format": 3, "steps": ' + b"9" * 10_000 + b"}",
-    b'{"format": 3, "steps": NaN}', b"\xff\xfe", b"", b"null"])  # fmt: skip
+@pytest.mark.parametrize("text", [b"[" * 100_000, b'{"format": 4, "steps": ' + b"9" * 10_000 + b"}",
+    b'{"format": 4, "steps": NaN}', b"\xff\xfe", b"", b"null"])  # fmt: skip
 def test_cards_that_are_no_json(text: bytes, file: Path, tmp_path: Path) -> None:
     path = written(tmp_path / "p.zip", members_of(file) | {CARD: text})
     assert CARD in refusal(path)
