@@ -1,0 +1,59 @@
+"""The pages of all studies in a browser: on a phone, a tablet and a desk, light and dark."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+from typer.testing import CliRunner
+
+from ambinav.cli import app
+from tests.reports.widths import SIZES
+
+HALL = shapely.Polygon([(0, 0), (20, 0), (20, 2.5), (8, 2.5), (8, 6), (4, 6), (4, 2.5), (0, 2.5)])
+SCANNER = ("--scanner", "turtlebot3-lds", "--spacing", "0.5")
+CHANGES = ("--may", "posts=1", "--cost", "costs.yaml")
+COMMANDS = {
+    "audit": ("audit", "hall.geojson", *SCANNER),
+    "diff": ("diff", "hall.geojson", "hall.geojson", *SCANNER, "--scanner-b", "hc-sr04"),
+    "sweep": ("design", "sweep", "hall.geojson", *SCANNER, "--vary", "aperture=90:360:90"),
+    "scanners": ("design", "scanners", "hall.geojson", *SCANNER, "--scanner", "hc-sr04"),
+    "beams": ("design", "beams", "hall.geojson", *SCANNER),
+    "place": ("design", "place", "hall.geojson", *SCANNER, "--posts", "1"),
+    "for": ("design", "for", "hall.geojson", "bad < 1 %", *SCANNER, *CHANGES),
+    "compare": ("compare", "scenario.yaml"),
+}
+SCENARIO = {
+    "name": "hall", "environment": "hall.geojson", "scanner": "turtlebot3-lds",
+    "map": {"spacing": 0.5}, "drive": {"runs": 2, "seed": 1},
+    "pairs": [{"name": "along", "start": [1, 1], "goal": [18, 1]}],
+    "routes": ["shortest", {"kind": "reference", "weight": 5}],
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", COMMANDS)
+def test_nothing_is_wider_than_the_screen(
+    chromium: Any, study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hall.geojson").write_text(shapely.to_geojson(HALL))
+    Path("scenario.yaml").write_text(json.dumps(SCENARIO))
+    Path("costs.yaml").write_text("post: 120\n")
+    done = CliRunner().invoke(app, [*COMMANDS[study], "--output", "out"])
+    assert done.exit_code == 0, done.output
+    (page_file,) = Path("out").glob("*.html")
+    for width, scheme in product((390, 768, 1280), ("light", "dark")):
+        context = chromium.new_context(
+            viewport={"width": width, "height": 800}, color_scheme=scheme, bypass_csp=True
+        )
+        page, faults = context.new_page(), []
+        page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
+        page.goto(page_file.resolve().as_uri())
+        assert page.evaluate(SIZES) == [width, width], (width, scheme)
+        assert faults == []
+        context.close()
