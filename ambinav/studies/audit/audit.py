@@ -126,9 +126,10 @@ class Audit:
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
-                "These are means over all headings: at the best heading of each place the robot "
-                f"can tell its position well on {percent(best[LOCALIZABLE].share)}, at the worst "
-                f"heading on {percent(most[LOCALIZABLE].share)}."
+                "Zones are those of half or more of the headings: at the best heading of each "
+                "place the robot can tell its position well on "
+                f"{percent(best[LOCALIZABLE].share)}, at the worst heading on "
+                f"{percent(most[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)

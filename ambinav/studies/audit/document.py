@@ -277,6 +277,8 @@ def place_picture(number: int) -> str:
 def _headings(audit: Audit) -> str:
     if not audit.amap.has_theta:
         return "all alike"
+    if audit.heading == "mean":
+        return "all: zones of half or more of the headings, means of the other layers"
     if isinstance(audit.heading, str):
         return f"{audit.heading} over all headings"
     return f"{math.degrees(audit.heading):.0f} degrees"
