@@ -171,7 +171,7 @@ class Found:
         return percentiles(*self._of_sums(above, below), int(np.count_nonzero(below)))
 
     def _evidence(self, cell: Cell, happened: Floats) -> Evidence:
-        """Return the evidence of runs that come in seeds and, where these are drawn, in buildings.
+        """Return the evidence of runs that come in seeds and in drawn buildings or episodes.
 
         What each way of grouping adds to the variance is added up (Cameron, Gelbach and Miller,
         Journal of Business and Economic Statistics 29, 2011, section 2.2); the quantile is that of
@@ -182,10 +182,12 @@ class Found:
             happened: 0 or 1 by seed and episode, shape (S, E).
         """
         runs, count = happened.shape
-        groups: list[NDArray[np.generic]] = [np.repeat(np.arange(runs), count)]
-        buildings = [part.building for part in self.cells[cell][0]]
-        if any(len(np.unique(names)) > 1 for names in buildings):
-            groups.append(np.tile(np.concatenate(buildings), runs))
+        strata = [part.building for part in self.cells[cell][0]]
+        drawn: NDArray[np.generic] = np.concatenate(strata)
+        if all(len(np.unique(names)) == 1 for names in strata):
+            # Maps that are not drawn: all seeds drive the same episodes there.
+            drawn = np.arange(count)
+        groups = (np.repeat(np.arange(runs), count), np.tile(drawn, runs))
         parts = [evidence_of(happened.ravel(), group, LEVEL) for group in groups]
         more = sum(1.0 / part.runs - 1.0 / happened.size for part in parts)
         quantile = max(part.quantile for part in parts)

@@ -135,7 +135,7 @@ def test_maps_are_not_drawn(effects: ModuleType) -> None:
     some = effects.Found("recorded maps, disturbed", "ekf", (0, 1, 2), cells)
     value = some.figure(effects.CELLS[0], "lost")
     assert value.value == 50.0
-    assert (value.low, value.high) == pytest.approx((35.0, 65.0), abs=2.0)
+    assert (value.low, value.high) == pytest.approx((25.0, 75.0), abs=2.0)
     length = some.figure(effects.CELLS[0], "length")
     assert (length.value, length.low, length.high) == (1.0, 1.0, 1.0)
 
