@@ -164,7 +164,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
 def random_gains(help_found: Remedy, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return the reduction of bad floor by random placements, under the tool's rules."""
     effects = fresh_effects(help_found)
-    gains = []
+    gains: list[float] = []
     while len(gains) < count:
         numbers = random_subset(help_found.trials, help_found.rules.min_passage, rng)
         if numbers:
