@@ -367,6 +367,7 @@ def _show_places(report: Document) -> None:
 
 def _show_lost(report: Document) -> None:
     from ambinav.reports.number_text import percent
+    from ambinav.studies.audit.lost_routes import MEASURED
 
     if report.lost is None:
         return
@@ -376,6 +377,7 @@ def _show_lost(report: Document) -> None:
             route.goal_text,
             f"{route.length_m:.1f} m",
             percent(route.lost_probability),
+            route.measured_text,
             "" if route.x_m is None else f"{route.x_m:.1f}, {route.y_m:.1f} m",
             route.kind or "",
         )
@@ -383,8 +385,8 @@ def _show_lost(report: Document) -> None:
     )
     show("", report.lost.text)
     if report.lost.routes:
-        columns = "from x, y", "to x, y", "length", "lost", "mostly near", "error"
-        show("", table(columns, rows, left=("error",)))
+        columns = "from x, y", "to x, y", "length", "lost", "measured", "mostly near", "error"
+        show("", table(columns, rows, left=("error",)), MEASURED)
 
 
 def _show_aliasing(report: Document) -> None:

@@ -18,6 +18,7 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.fields import Metres, Part, Share
+from ambinav.reports.number_text import percent
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import graph_step, sample_routes
 from ambinav.routes.trip_routes import trip_routes
@@ -30,6 +31,10 @@ LISTED: Final = 5
 """Most sampled routes that are reported."""
 FEW: Final = 0.05
 """A sampled route is reported if at least this share of robots gets lost on it."""
+MEASURED: Final = (
+    "Measured: share of robots lost on routes forecast like this, in buildings left out of "
+    "the fit, with its 95 % interval."
+)
 STEP: Final = 0.2
 """Metres between places of the lattice on which routes are found."""
 SEED: Final = 0
@@ -108,6 +113,22 @@ def _sampled(environment: Environment, reach: Reach) -> tuple[Route, ...]:
         )
 
 
+class ReliabilityPart(Part):
+    """Routes forecast alike in buildings that the localizer's class was not fitted to."""
+
+    forecast_low: Share
+    forecast_high: Share
+    routes: int
+    lost: Share = Field(description="of the robots, on these routes")
+    lost_low: Share = Field(description="lower end of its 95 % interval")
+    lost_high: Share
+
+    @property
+    def lost_text(self) -> str:
+        """The share with its interval."""
+        return f"{percent(self.lost)} ({percent(self.lost_low)} to {percent(self.lost_high)})"
+
+
 class LostRoutePart(Part):
     """A route on which robots get lost."""
 
@@ -117,10 +138,19 @@ class LostRoutePart(Part):
     goal_m: tuple[Metres, Metres]
     length_m: Metres
     lost_probability: Share
+    lost_probability_reliability: ReliabilityPart | None = Field(
+        default=None, description="of routes forecast like this; null: not measured"
+    )
     text: str = Field(description="probability and main cause in words")
     x_m: Metres | None = Field(description="where most get lost; null: spread over the route")
     y_m: Metres | None
     kind: str | None = Field(description="open floor, sliding or heading: the error that grows")
+
+    @property
+    def measured_text(self) -> str:
+        """Share of robots lost on routes forecast like this."""
+        measured = self.lost_probability_reliability
+        return "not measured" if measured is None else measured.lost_text
 
     @property
     def start_text(self) -> str:
@@ -169,6 +199,7 @@ def lost_part(lost: LostRoutes) -> LostPart:
 def _route(forecast: Forecast, trip: Trip | None) -> LostRoutePart:
     (x0, y0), (x1, y1) = forecast.poses[[0, -1], :2].tolist()
     cause = forecast.causes[0] if forecast.causes else None
+    measured = forecast.reliability
     return LostRoutePart(
         start=None if trip is None else trip.start,
         goal=None if trip is None else trip.goal,
@@ -176,6 +207,7 @@ def _route(forecast: Forecast, trip: Trip | None) -> LostRoutePart:
         goal_m=(x1, y1),
         length_m=float(forecast.distance[-1]),
         lost_probability=forecast.lost_probability,
+        lost_probability_reliability=None if measured is None else ReliabilityPart.of(measured),
         text=forecast.sentence,
         x_m=None if cause is None else cause.x,
         y_m=None if cause is None else cause.y,

@@ -15,6 +15,8 @@ from ambinav.cli import app
 from ambinav.forecasting.causes import OPEN
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.forecast import Forecaster
+from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.reliability import bin_at
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
@@ -25,7 +27,15 @@ from ambinav.routes.trips import Trip, read_trips
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.audit import Audit, audit
-from ambinav.studies.audit.lost_routes import PAIRS, SEED, STEP, find_lost_routes, lost_part
+from ambinav.studies.audit.lost_routes import (
+    MEASURED,
+    PAIRS,
+    SEED,
+    STEP,
+    ReliabilityPart,
+    find_lost_routes,
+    lost_part,
+)
 from ambinav.studies.audit.report import write_audit
 from tests.geometry import scenes
 
@@ -120,6 +130,10 @@ def test_those_of_trips_are_all_listed_by_name(
     for route, trip, k in zip(part.routes, lost.trips, worst_first, strict=True):
         assert (route.start_m, route.goal_m) == (trip.start_at, trip.goal_at)
         assert route.lost_probability == pytest.approx(shares[k], abs=1e-4)
+        measured = bin_at(LocalizerClass.load("amcl").reliability, shares[k])
+        assert measured is not None
+        assert route.lost_probability_reliability == ReliabilityPart.of(measured)
+        assert measured.routes == route.lost_probability_reliability.routes
     assert "On 1 of 3 trips between named places" in part.text
     assert "with good odometry and Monte Carlo localization with AMCL's defaults" in part.text
     markdown, page = (
@@ -127,6 +141,9 @@ def test_those_of_trips_are_all_listed_by_name(
     )
     assert "| corner (2.0, 2.0 m) | beside \\| it (2.0, 5.0 m) |" in markdown
     assert "beside | it (2.0, 5.0 m)" in page
+    for text in (markdown, page):
+        assert MEASURED in text
+        assert all(route.measured_text in text for route in part.routes)
 
 
 def test_trips_that_cannot_be_driven_are_refused(hall: Environment, hall_map: AmbiguityMap) -> None:
