@@ -30,7 +30,7 @@ x, y = 3.0, 3.0
 """
 PLACES = """
 from pathlib import Path
-Path("places.yaml").write_text("places: {dock: [19.3, 21.7], desk: [5.3, 24.5]}")
+Path("places.yaml").write_text("places: {dock: [19.3, 21.7], hall: [9, 21]}")
 """
 COMPARED = """
 import dataclasses

@@ -227,11 +227,11 @@ def plan_front(
         save_figure(plot_pareto(front), folder / "pareto.png")
         save_figure(plot_routes(robot.service.map, _distinct_routes(front)), folder / "routes.png")
     if as_json:
-        points = front.rows()
-        for point in points if forecaster is not None else ():
-            measured = forecaster.reliability(point["lost_probability"])
-            point[RELIABILITY] = plain_bin(measured)
-        typer.echo(json.dumps({"output": str(output), "points": points}, indent=2))
+        rows = front.rows()
+        if forecaster is not None:
+            for row in rows:
+                row[RELIABILITY] = plain_bin(forecaster.reliability(row["lost_probability"]))
+        typer.echo(json.dumps({"output": str(output), "points": rows}, indent=2))
         return
     _print_table(routes, lost)
     for line in speed.lines(creep):

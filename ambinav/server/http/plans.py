@@ -111,11 +111,11 @@ class LossReliability(BaseModel):
     """Lost robots on routes forecast alike, in buildings that the class was not fitted to."""
 
     forecast_low: float = Field(description="Smallest forecast of these routes")
-    forecast_high: float
-    routes: int
+    forecast_high: float = Field(description="Largest one")
+    routes: int = Field(description="Number of these routes")
     lost: float = Field(description="Share of the robots that got lost on them")
     lost_low: float = Field(description="Lower end of its 95 % interval")
-    lost_high: float
+    lost_high: float = Field(description="Upper end")
 
 
 class RouteForecast(BaseModel):

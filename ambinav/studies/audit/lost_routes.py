@@ -95,7 +95,9 @@ def find_lost_routes(
     """
     if not routes:
         routes = (
-            _sampled(environment, reach) if not trips else trip_routes(environment, reach, trips)
+            trip_routes(environment, reach, trips, "trips")
+            if trips
+            else _sampled(environment, reach)
         )
     forecaster = Forecaster(amap, odometry, localizer, environment=environment, routes=routes)
     forecasts = list(map(forecaster, routes))

@@ -152,7 +152,9 @@ def test_trips_that_cannot_be_driven_are_refused(hall: Environment, hall_map: Am
     def find(trip: Trip = TRIPS[0], **more: str) -> None:
         find_lost_routes(hall_map, hall, reach, trips=[trip], **more)  # type: ignore[arg-type]
 
-    with pytest.raises(InputError, match=r"places: out at \(40, 2\) m is outside of .*; move it"):
+    with pytest.raises(
+        InputError, match=r"trips: places: out at \(40, 2\) m is outside of .*; move it"
+    ):
         find(Trip("corner", "out", CORNER, (40.0, 2.0)))
     with pytest.raises(InputError, match="odometry is 'wheels'; "):
         find(odometry="wheels")
