@@ -18,7 +18,6 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.fields import Metres, Part, Share
-from ambinav.reports.number_text import percent
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import graph_step, sample_routes
 from ambinav.routes.trip_routes import trip_routes
@@ -128,7 +127,8 @@ class ReliabilityPart(Part):
     @property
     def lost_text(self) -> str:
         """The share with its interval."""
-        return f"{percent(self.lost)} ({percent(self.lost_low)} to {percent(self.lost_high)})"
+        low, high = 100.0 * self.lost_low, 100.0 * self.lost_high
+        return f"{100.0 * self.lost:.1f} % ({low:.1f} to {high:.1f} %)"
 
 
 class LostRoutePart(Part):
