@@ -107,10 +107,22 @@ class ForecastPoint(BaseModel):
     heading_error_rad: float = Field(description="The same of the heading")
 
 
+class LossReliability(BaseModel):
+    """Lost robots on routes forecast alike, in buildings that the class was not fitted to."""
+
+    forecast_low: float = Field(description="Smallest forecast of these routes")
+    forecast_high: float = Field(description="Largest one")
+    routes: int = Field(description="Number of these routes")
+    lost: float = Field(description="Share of the robots that got lost on them")
+    lost_low: float = Field(description="Lower end of its 95 % interval")
+    lost_high: float = Field(description="Upper end")
+
+
 class RouteForecast(BaseModel):
     """Forecast of the robots that get lost on a route, as of `ambinav forecast --json`."""
 
     lost_probability: float = Field(description="Probability that a robot gets lost on the route")
+    lost_probability_reliability: LossReliability | None = Field(description="null: not measured")
     text: str = Field(description="The probability and its main cause in a sentence")
     localizer: str = Field(description="Class of localizer")
     odometry: str = Field(description="Name of the odometry")

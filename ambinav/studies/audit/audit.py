@@ -178,6 +178,7 @@ def audit(
     heading: str | float = "mean",
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
+    lost: LostRoutes | None = None,
 ) -> Audit:
     """Find the worst regions of a map and scan each of them.
 
@@ -192,6 +193,7 @@ def audit(
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
         reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             the floor that a disc of `robot_radius(scanner)` reaches in the largest piece.
+        lost: Forecasts of routes to report, see `ambinav.find_lost_routes`.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or
@@ -225,6 +227,7 @@ def audit(
             for name in ZONES
         },
         aliasing=aliasing,
+        lost=lost,
     )
 
 

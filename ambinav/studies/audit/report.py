@@ -21,6 +21,7 @@ from ambinav.studies.audit.actions import actions
 from ambinav.studies.audit.audit import Audit, axis_degrees, places_text
 from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
+from ambinav.studies.audit.lost_routes import MEASURED
 from ambinav.studies.audit.page import lead, page_map, with_places
 from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.design.improved import improved_text
@@ -148,6 +149,7 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "rest": remainder,
         "actions": actions(report),
         "choice": CHOICE,
+        "measured": MEASURED,
         "parameters": map_parameters(report.parameters),
         "outside": outside,
         "image_format": report.pictures[0].rpartition(".")[2],
