@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.canvas import head, new_figure
 from ambinav.plotting.style import Mark
 
 _ROW: Final = 0.27
@@ -84,7 +84,7 @@ class RowChart:
                 va="center", xycoords=first.get_yaxis_transform(), textcoords="offset points",
                 fontsize=10, fontweight="bold", annotation_clip=False,
             )  # fmt: skip
-        self.figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+        head(self.figure, title)
 
 
 def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:

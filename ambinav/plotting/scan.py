@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
-from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path
@@ -19,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure
+from ambinav.plotting.floor import FloorFigure, blend_white
 from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 Point = tuple[float, float]
@@ -28,6 +27,8 @@ LONGEST: Final = 6.4
 """Inches of a picture of its own."""
 _MANY = 120
 """Beams of a fan that is drawn as an area: single lines would fill the picture."""
+_PALE: Final = 0.45
+"""Share of the colour in such an area."""
 
 
 class Scan(Protocol):
@@ -163,7 +164,7 @@ def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None
             # Opaque and not smoothed, so that no seam shows where two triangles touch.
             PolyCollection(
                 list(_beam_triangles(scan, end)[mask & area]),
-                facecolors=_blend_white(colour),
+                facecolors=blend_white(colour, _PALE),
                 linewidths=0,
                 antialiaseds=False,
                 zorder=2,
@@ -187,12 +188,6 @@ def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None
         )
     hits = scan.hit[returned & ~unknown]
     axes.plot(*hits.T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
-
-
-def _blend_white(colour: str) -> tuple[float, float, float]:
-    """Blend the colour with white."""
-    red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
-    return red, green, blue
 
 
 def _beam_triangles(scan: Scan, end: Floats) -> Floats:
@@ -245,7 +240,7 @@ def _legend_entries(
     if unknown.any():
         classes.append(("to unknown", int(unknown.sum()), style.FRONTIER, {"linestyle": ":"}))
     handles: list[Artist] = [
-        Patch(facecolor=_blend_white(colour), label=f"{name} ({count})")
+        Patch(facecolor=blend_white(colour, _PALE), label=f"{name} ({count})")
         if returned.size > _MANY
         else Line2D([], [], color=colour, label=f"{name} ({count})", **line)
         for name, count, colour, line in classes
