@@ -21,7 +21,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
+from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_map
 from ambinav.service.service import AmbiguityService, Pose
 
 T = TypeVar("T")
@@ -332,7 +332,7 @@ class Client(AmbiguityService):
                         file.write(piece)
 
             self._repeated(attempt)
-            return AmbiguityMap(read_dataset(path), source=f"{self._given[0]}{address}")
+            return read_map(path, f"{self._given[0]}{address}")
 
     def _unanswered(self, error: Exception) -> ServerError:
         found = ServerError(f"{self._given[0]}: no server answers there ({type(error).__name__}).")

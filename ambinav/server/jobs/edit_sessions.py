@@ -27,7 +27,7 @@ from ambinav.server.jobs.workers import EditTask, Worker, edits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.served import MARK, ServedMap, ServedMaps
-from ambinav.server.wire import read_dataset
+from ambinav.server.wire import read_map
 
 STOP_SECONDS: Final = 10.0
 """In which a process leaves an edit that nobody waits for any more; else it is ended."""
@@ -248,7 +248,7 @@ class Edits:
             )
             if not obstacles:
                 return base
-            amap = await asyncio.to_thread(_opened, place, base.name)
+            amap = await asyncio.to_thread(read_map, place, base.name)
         finally:
             place.unlink(missing_ok=True)
         if not self._maps.holds(base):
@@ -285,10 +285,6 @@ class Edits:
     def close(self) -> None:
         """Stop all processes."""
         self.pool.close()
-
-
-def _opened(path: Path, name: str) -> AmbiguityMap:
-    return AmbiguityMap(read_dataset(path), source=name)
 
 
 def _heard(task: asyncio.Task[ServedMap]) -> None:
