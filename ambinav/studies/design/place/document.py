@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-import numpy as np
 import shapely
 from pydantic import Field
 
 from ambinav.geometry.environment import Environment
-from ambinav.reports.fields import Part, rounded
+from ambinav.reports.fields import Part
 from ambinav.reports.pages import counted
-from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
-from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
+from ambinav.studies.design.improved import ImprovedPart, most_improved
+from ambinav.studies.design.place.aged import AgedPart
 from ambinav.studies.design.place.candidates import PlaceRules
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.placed_part import (
     BuildingDocument,
     PlacedPart,
+    Rounded,
     head_of,
     placed_geojson,
 )
@@ -34,9 +34,6 @@ REFLECTORS_WEIGH: Final = (
     "reflectors`."
 )
 SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]'."
-
-
-Rounded = Annotated[float, rounded(4)]
 
 
 class BadPart(Part):
@@ -111,17 +108,6 @@ class CoveragePart(Part):
     true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
 
 
-class AgedPart(Part):
-    """Bad floor that obstacles remove in aged buildings: walls displaced, furniture moved."""
-
-    buildings: int
-    wall_std_m: float = Field(description="standard deviation by which walls are displaced")
-    furniture_std_m: float = Field(description="and by which free-standing objects are")
-    before: Rounded = Field(description="bad floor without the obstacles, mean")
-    gain: Rounded = Field(description="bad floor that they take away, mean")
-    gain_low: Rounded = Field(description="its 10th percentile")
-
-
 class Document(BuildingDocument):
     """The whole report."""
 
@@ -162,7 +148,7 @@ def document(study: Remedy, asked: int) -> Document:
         after=BadPart.of(placement.after),
         asked=asked,
         obstacles=obstacles,
-        improved=tuple(map(ImprovedPart.of, _improved(study))),
+        improved=_improved(study),
         rules=rules_part(rules, len(study.trials.candidates), study.environment),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
@@ -172,14 +158,14 @@ def document(study: Remedy, asked: int) -> Document:
             for optimum in study.optima
         ),
         coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
-        aged=None if study.aged is None else _aged(study.aged),
+        aged=study.aged,
         remarks=tuple(_remarks(study, asked)),
         parameters=json.loads(study.amap.dataset.attrs["parameters"]),
         geojson=obstacles_geojson(study),
     )
 
 
-def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
+def _improved(study: Remedy) -> tuple[ImprovedPart, ...]:
     """Return the places of the floor that was asked for that improve most; none on routes."""
     if not study.chosen or study.unit == "m":
         return ()
@@ -326,17 +312,6 @@ def _remarks(study: Remedy, asked: int) -> list[str]:
     if gains is not None and study.coverage is None and placed:
         remarks.append(f"Maximum coverage was not solved: {SOLVER_LACKING}")
     return remarks
-
-
-def _aged(aged: AgedGains) -> AgedPart:
-    return AgedPart(
-        buildings=len(aged.gain),
-        wall_std_m=WALL_STD,
-        furniture_std_m=FURNITURE_STD,
-        before=float(aged.before.mean()),
-        gain=float(aged.gain.mean()),
-        gain_low=float(np.percentile(aged.gain, WORST)),
-    )
 
 
 def _gains(gains: Violations) -> GainsPart:

@@ -22,7 +22,7 @@ from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.place.aged import AgedGains, gains_in_aged
+from ambinav.studies.design.place.aged import AgedPart, gains_in_aged
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.exact import Coverage, Optimum, covered_most, enumerated
@@ -69,7 +69,7 @@ class Remedy:
     violations: Violations | None = None
     optima: tuple[Optimum, ...] = ()
     coverage: Coverage | None = None
-    aged: AgedGains | None = None
+    aged: AgedPart | None = None
 
     @property
     def unit(self) -> str:
