@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.buildings.damaged_files import reading
 from ambinav.buildings.ifc.parts import (
     HEADROOM,
     ElementMesh,
@@ -131,7 +131,7 @@ def read_storey(
             f"{HIGHEST:g}."
         )
     model = _opened(path)
-    with reading(path):
+    with reading(path, "IFC"):
         storeys = storeys_of(model)
     if not model.by_type("IfcWall") and not model.by_type("IfcCurtainWall"):
         raise InputError(
@@ -142,7 +142,7 @@ def read_storey(
     else:
         chosen_level(f"{path}", [WHOLE], level)
         storey = Storey(WHOLE, _base(path, model), None)
-    with reading(path):
+    with reading(path, "IFC"):
         elements = elements_of(model, storey, height, furniture)
         parts = parts_at(model, elements, storey.elevation, height)
     _check_size(path, parts)
@@ -206,24 +206,6 @@ def _opened(path: Path) -> Any:
         raise InputError(f"{path}: this is not an IFC file ({reason}); export it again.") from error
 
 
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Raise `InputError` for a damaged file, whose entities lack what the schema requires.
-
-    Raises:
-        InputError: something went wrong within.
-    """
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # ifcopenshell raises many kinds of errors then
-        raise InputError(
-            f"{path}: this IFC file is damaged ({type(error).__name__}: "
-            f"{' '.join(str(error).split())}); export it again."
-        ) from error
-
-
 def _check_size(path: Path, parts: Parts) -> None:
     """Check that the walls make a building: some programs write another unit than they name.
 
@@ -246,7 +228,7 @@ def _check_size(path: Path, parts: Parts) -> None:
 def _base(path: Path, model: Any) -> float:
     """Return the floor height of a building without storeys."""
     walls = [wall for wall in model.by_type("IfcWall") if wall.Representation]
-    with reading(path):
+    with reading(path, "IFC"):
         lows = [float(vertices[:, 2].min()) for _, vertices, _, _ in meshes(model, walls)]
     base = base_of(lows)
     if math.isnan(base):

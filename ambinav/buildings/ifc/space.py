@@ -14,7 +14,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.buildings.ifc.file import StoreyPlan, carries, read_storey, reading
+from ambinav.buildings.damaged_files import reading
+from ambinav.buildings.ifc.file import StoreyPlan, carries, read_storey
 from ambinav.buildings.ifc.parts import BELOW, bodies_of, elements_of, meshes, part_role
 from ambinav.buildings.mesh_prisms import SLICE, slabs_of
 from ambinav.buildings.section_floor import SPECK
@@ -59,7 +60,7 @@ def load_ifc_in_space(
         InputError: as `load_ifc`.
     """
     plan = read_storey(path, level, height=height, doors=doors, glass=glass, furniture=furniture)
-    with reading(path):
+    with reading(path, "IFC"):
         bodies = _bodies(plan, height, doors == "closed", glass == "clear", furniture)
     notes = _notes(path, plan, bodies)
     if bodies.open_slopes:
