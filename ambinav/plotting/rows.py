@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ambinav.drive.bootstrap import Interval
 from ambinav.plotting.canvas import head, new_figure
 from ambinav.plotting.style import Mark
 
@@ -16,22 +17,6 @@ _ROW: Final = 0.27
 """Inches of a row."""
 _BETWEEN: Final = 0.4
 """Room between two groups, rows."""
-
-
-class Interval(Protocol):
-    """A figure and its interval; `ambinav.drive.bootstrap.Interval` is one."""
-
-    @property
-    def value(self) -> float:
-        """The figure; nan if there is none."""
-
-    @property
-    def low(self) -> float:
-        """Lower end."""
-
-    @property
-    def high(self) -> float:
-        """Upper end."""
 
 
 class RowChart:

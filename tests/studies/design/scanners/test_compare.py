@@ -121,7 +121,7 @@ def test_a_layer_is_its_mean_over_the_floor_that_counts(hall, scanners, table):
     amap = build_map(hall, scanners["long"], SPACING, layers="gfm", store=False)
     row = row_of(table, "long")
     values = amap.dataset["gfm"].values[row.parts.counted]
-    assert row.layers["gfm"].value == pytest.approx(float(values.astype(float).mean()))
+    assert row.layers["gfm"].mean == pytest.approx(float(values.astype(float).mean()))
 
 
 def test_stretches_are_those_of_the_corridor(scanners, routes, table):
