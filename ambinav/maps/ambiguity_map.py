@@ -158,6 +158,12 @@ class AmbiguityMap:
         return schema.is_share(layer)
 
     @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters with which the map was computed, by name."""
+        parameters: dict[str, Any] = json.loads(self.dataset.attrs["parameters"])
+        return parameters
+
+    @property
     def spacing(self) -> float:
         """Distance between cell centres, metres."""
         return self._step[0]
@@ -197,7 +203,7 @@ class AmbiguityMap:
         """
         if JUDGED in self.dataset:
             return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
-        robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
+        robot = self.parameters.get("robot_radius")
         return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
 
     @cached_property

@@ -251,7 +251,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         helps=None if audit.helps is None else posts_part(audit.helps),
         lost=None if audit.lost is None else lost_part(audit.lost),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
-        parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
+        parameters=audit.amap.parameters | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
 

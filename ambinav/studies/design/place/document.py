@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -160,7 +159,7 @@ def document(study: Remedy, asked: int) -> Document:
         coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
         aged=study.aged,
         remarks=tuple(_remarks(study, asked)),
-        parameters=json.loads(study.amap.dataset.attrs["parameters"]),
+        parameters=study.amap.parameters,
         geojson=obstacles_geojson(study),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Annotated, Any, Final
 
@@ -93,7 +92,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
         improved=largest_places(layout.amap, won, layout.parts),
         needs=NeedsPart.of(layout.rules, max_incidence_deg=layout.rules.max_incidence),
         remarks=tuple(_remarks(layout, asked)),
-        parameters=json.loads(layout.amap.dataset.attrs["parameters"]),
+        parameters=layout.amap.parameters,
         geojson=placed_geojson(
             layout.chosen, [{"number": k + 1} for k in range(len(layout.steps))]
         ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any, Final
 
@@ -161,7 +160,7 @@ def document(solution: Solution) -> Document:
         states=len({(each.hardware, frozenset(each.obstacles)) for each in solution.states}),
         maps=solution.maps,
         remarks=_remarks(solution),
-        parameters=json.loads(solution.before.amap.dataset.attrs["parameters"]),
+        parameters=solution.before.amap.parameters,
         geojson=_geojson(solution),
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from typing import Any, Final, Literal
 
@@ -138,10 +137,11 @@ class Document(Part):
 
 def document(table: ScannerTable) -> Document:
     """Collect a comparison's figures, with units in the names."""
-    attrs = table.amap.dataset.attrs
-    every = json.loads(attrs["parameters"])
+    every = table.amap.parameters
     # Parameters common to all scanners; the others belong to one scanner.
-    shared = {name: every[name] for name in ("spacing", "radius", "map_std") if name in every}
+    shared: dict[str, Any] = {
+        name: every[name] for name in ("spacing", "radius", "map_std") if name in every
+    }
     return Document(
         ambinav_version=__version__,
         summary=summary(table),
