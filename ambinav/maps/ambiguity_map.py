@@ -255,6 +255,11 @@ class AmbiguityMap:
         """Area of one cell, square metres."""
         return self._step[0] * self._step[1]
 
+    def centres(self, mask: Bools) -> Floats:
+        """Return the centres of the cells of a mask of the floor, x and y, shape (N, 2), metres."""
+        row, column = np.nonzero(mask)
+        return np.column_stack([self.dataset["x"].values[column], self.dataset["y"].values[row]])
+
     @property
     def possible(self) -> Bools:
         """Mask, shape (ny, nx, headings): where a robot can be at a heading.

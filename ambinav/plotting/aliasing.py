@@ -145,8 +145,7 @@ def _paint(
 ) -> None:
     """Colour the counted cells around points of a lattice, which may be rotated."""
     rows, columns = np.nonzero(counted)
-    cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
-    near, _ = cKDTree(points).query(cells)
+    near, _ = cKDTree(points).query(amap.centres(counted))
     # Half the diagonal of a lattice's cell, and a little for aliased poses that lie farther apart.
     held = near <= 0.75 * spacing
     picture[rows[held], columns[held]] = rgba_bytes(colour)
