@@ -14,6 +14,7 @@ from ambinav.reports.pages import counted
 from ambinav.studies.design.improved import ImprovedPart, most_improved
 from ambinav.studies.design.place.aged import AgedPart
 from ambinav.studies.design.place.candidates import PlaceRules
+from ambinav.studies.design.place.exact import CoveragePart, OptimumPart
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.placed_part import (
     BuildingDocument,
@@ -85,28 +86,6 @@ class GainsPart(Part):
     typical: GrowthPart | None = Field(description="medians over all samples; null: no sample")
 
 
-class OptimumPart(Part):
-    """Optimum over all subsets of a few candidates, and greedy on the same candidates."""
-
-    candidates: int
-    count: int
-    subsets: int
-    best: Rounded = Field(description="bad floor that the best subset takes away")
-    greedy: Rounded = Field(description="bad floor that greedy's subset takes away")
-    share: Rounded | None = Field(
-        description="of the best one's objective that greedy reaches; null: it turns nothing good"
-    )
-
-
-class CoveragePart(Part):
-    """Maximum coverage, counting the floor that each candidate improves alone."""
-
-    covered: Rounded = Field(description="by the solver's choice")
-    bound: Rounded = Field(description="no choice covers more")
-    greedy: Rounded = Field(description="by greedy's choice")
-    true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
-
-
 class Document(BuildingDocument):
     """The whole report."""
 
@@ -152,11 +131,8 @@ def document(study: Remedy, asked: int) -> Document:
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
-        optima=tuple(
-            OptimumPart.of(optimum, best=optimum.best_bad, greedy=optimum.greedy_bad)
-            for optimum in study.optima
-        ),
-        coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
+        optima=study.optima,
+        coverage=study.coverage,
         aged=study.aged,
         remarks=tuple(_remarks(study, asked)),
         parameters=study.amap.parameters,

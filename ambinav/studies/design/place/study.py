@@ -25,7 +25,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.aged import AgedPart, gains_in_aged
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
-from ambinav.studies.design.place.exact import Coverage, Optimum, covered_most, enumerated
+from ambinav.studies.design.place.exact import CoveragePart, OptimumPart, covered_most, enumerated
 from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.moves import Moves
@@ -67,8 +67,8 @@ class Remedy:
     trials: Trials
     placement: Placement
     violations: Violations | None = None
-    optima: tuple[Optimum, ...] = ()
-    coverage: Coverage | None = None
+    optima: tuple[OptimumPart, ...] = ()
+    coverage: CoveragePart | None = None
     aged: AgedPart | None = None
 
     @property
