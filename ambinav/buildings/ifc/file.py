@@ -86,15 +86,9 @@ class StoreyPlan(NamedTuple):
     meshes: Sequence[ElementMesh]
 
 
-def load_ifc(
-    path: Path,
-    *,
-    level: str | int | None = None,
-    height: float,
-    doors: str = "open",
-    glass: str = "solid",
-    furniture: bool = True,
-) -> Environment:
+def read_storey(
+    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
+) -> StoreyPlan:
     """Read a storey of a building: everything solid at a height above its floor.
 
     Free floor is within the IfcSpaces of the storey and the openings between them; without
@@ -109,19 +103,13 @@ def load_ifc(
         glass: "solid": panes stop rays; "clear": they stop robots only.
         furniture: Whether furniture and appliances are there.
 
+    Returns:
+        The plan, with the parts that it is made of.
+
     Raises:
         InputError: the file cannot be read, has no walls at the height, there are several storeys
             and none is chosen, or an option has a value of no use.
     """
-    return read_storey(
-        path, level, height=height, doors=doors, glass=glass, furniture=furniture
-    ).environment
-
-
-def read_storey(
-    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
-) -> StoreyPlan:
-    """Read a storey as `load_ifc` does, with the parts that it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
     height = as_number(height, f"{path}: height")

@@ -33,15 +33,9 @@ _LID: Final = 0.1
 
 
 def load_ifc_in_space(
-    path: Path,
-    *,
-    level: str | int | None = None,
-    height: float,
-    doors: str = "open",
-    glass: str = "solid",
-    furniture: bool = True,
+    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
 ) -> Environment:
-    """Read a storey as a building in space: the plan of `load_ifc`, and prisms for rays.
+    """Read a storey as a building in space: the plan of `read_storey`, and prisms for rays.
 
     Bodies stand between the heights that the file gives them: lintels above open doors, parapets
     below windows, beams, table tops, and the slabs below and above. Parts that slope are cut into
@@ -49,7 +43,7 @@ def load_ifc_in_space(
     the storey and of the next one, is a frontier.
 
     Args:
-        path: The file; the options are those of `load_ifc`.
+        path: The file; the options are those of `read_storey`.
         level: The storey.
         height: At which the plan is cut: where a robot can be, metres.
         doors: "open" or "closed".
@@ -57,7 +51,7 @@ def load_ifc_in_space(
         furniture: Whether furniture and appliances are there.
 
     Raises:
-        InputError: as `load_ifc`.
+        InputError: as `read_storey`.
     """
     plan = read_storey(path, level, height=height, doors=doors, glass=glass, furniture=furniture)
     with reading(path, "IFC"):
