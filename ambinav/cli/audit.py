@@ -264,13 +264,8 @@ def _stages(
     report_options: ReportOptions,
 ) -> dict[str, float]:
     """Return the steps of an audit with their approximate durations, seconds."""
-    from ambinav.map_building.estimate import estimate
-
-    needs = estimate(
-        environment, scanner, map_options.spacing, map_options.radius, map_options.headings
-    )
     return {
-        "ambiguity": needs.seconds,
+        "ambiguity": map_options.estimate(environment, scanner).seconds,
         "aliasing": 0.0 if report_options.aliasing is False else 0.5,
         "pictures": 0.5 + 0.25 * report_options.places,
         "routes": 1.5,

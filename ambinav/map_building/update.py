@@ -14,7 +14,6 @@ All else is taken over. Numbers are those of `build_map`, which does the same at
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +119,7 @@ class _Update:
         scanner = None if text is None else _scanner_of(text)
         # It refuses a map without.
         context = LayerContext.of(amap, env, scanner)
-        spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
+        spacing = float(amap.parameters.get("spacing", amap.spacing))
         before = Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
         after = Frame.of(*Lattice.axes(env, spacing), spacing)
         if is_part(amap):

@@ -158,6 +158,12 @@ class AmbiguityMap:
         return schema.is_share(layer)
 
     @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters with which the map was computed, by name."""
+        parameters: dict[str, Any] = json.loads(self.dataset.attrs["parameters"])
+        return parameters
+
+    @property
     def spacing(self) -> float:
         """Distance between cell centres, metres."""
         return self._step[0]
@@ -197,7 +203,7 @@ class AmbiguityMap:
         """
         if JUDGED in self.dataset:
             return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
-        robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
+        robot = self.parameters.get("robot_radius")
         return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
 
     @cached_property
@@ -248,6 +254,11 @@ class AmbiguityMap:
     def cell_area(self) -> float:
         """Area of one cell, square metres."""
         return self._step[0] * self._step[1]
+
+    def centres(self, mask: Bools) -> Floats:
+        """Return the centres of the cells of a mask of the floor, x and y, shape (N, 2), metres."""
+        row, column = np.nonzero(mask)
+        return np.column_stack([self.dataset["x"].values[column], self.dataset["y"].values[row]])
 
     @property
     def possible(self) -> Bools:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import threading
@@ -152,12 +151,6 @@ class ServedMap:
         )
         part = data.isel(x=slice(column, column + 4), y=slice(row, row + 4))
         return AmbiguityMap(part, source=amap.source)
-
-    @property
-    def parameters(self) -> dict[str, object]:
-        """Parameters with which the map was computed."""
-        parameters: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
-        return parameters
 
 
 def digest_of_map(served: ServedMap) -> str:

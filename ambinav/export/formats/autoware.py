@@ -150,7 +150,7 @@ def _check_radius(amap: AmbiguityMap) -> None:
     Raises:
         InputError: its neighbourhood is too small.
     """
-    radius = json.loads(amap.dataset.attrs["parameters"]).get("radius")
+    radius = amap.parameters.get("radius")
     if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
         given = "?" if radius is None else f"{radius:g}"
         raise InputError(

@@ -200,10 +200,7 @@ async def post_plans(request: Request, id: str, content: KeptPlanRequest) -> Res
     served, task = await _task(request, id, content, content.weight, weights)
     most = context.limits.client_jobs
     job = await context.plan_jobs.begin(served, task, client_of(request.scope), most)
-    headers = {"location": f"{context.prefix}/v1/plans/{job.id}"}
-    answer = as_json(_info(job), 202)
-    answer.headers.update(headers)
-    return answer
+    return as_json(_info(job), 202, location=f"{context.prefix}/v1/plans/{job.id}")
 
 
 @kept.get("/{id}", summary="A plan", response_model=PlanInfo, responses=answers(401, 404))

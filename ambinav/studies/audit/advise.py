@@ -18,6 +18,7 @@ from ambinav.studies.audit.counterfactual.search import (
     PAYS,
     Counterfactual,
     as_good,
+    by_effort,
     find_counterfactuals,
 )
 from ambinav.studies.audit.counterfactual.trips import find_trips
@@ -93,9 +94,7 @@ def decide(
     gated = bool(reaching)
     candidates = as_good(paying)
     if gated:
-        candidates = tuple(
-            sorted(reaching, key=lambda change: (change.effort, change.size, change.after.value))
-        )
+        candidates = by_effort(reaching)
     if not candidates:
         return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]

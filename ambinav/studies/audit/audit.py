@@ -16,12 +16,12 @@ from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sight import Sight, look
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.studies.audit.cause import Cause, cause_of
 from ambinav.studies.audit.lost_routes import LostRoutes
 from ambinav.studies.audit.post_search import PostSearch
-from ambinav.studies.audit.sight import Sight, look
 from ambinav.studies.audit.verdict import Verdict
 
 _HEADING_MATTERS = 0.1

@@ -13,12 +13,12 @@ from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
+from ambinav.sensing.sight import Sight
 from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING, AliasingPart, aliasing_part
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
 from ambinav.studies.audit.lost_routes import LostPart, lost_part
 from ambinav.studies.audit.post_search import PostsPart, posts_part
-from ambinav.studies.audit.sight import Sight
 from ambinav.studies.audit.verdict import VerdictPart, verdict_part
 
 FORMAT = "ambinav-audit/5"
@@ -251,7 +251,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         helps=None if audit.helps is None else posts_part(audit.helps),
         lost=None if audit.lost is None else lost_part(audit.lost),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
-        parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
+        parameters=audit.amap.parameters | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from ambinav.drive.bootstrap import Interval
+from ambinav.sensing.sight import look
 from ambinav.studies.audit.counterfactual.search import Counterfactual
 from ambinav.studies.audit.report import write_audit
-from ambinav.studies.audit.sight import look
 from ambinav.studies.audit.verdict import Verdict
 from tests.reports.widths import SIZES
 from tests.server.axe import violations
