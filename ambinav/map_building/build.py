@@ -327,7 +327,7 @@ def _compute(
             report(end / len(x))
         if turning is not None and beams is not None:
             turning[tile.begin : tile.end] = turning_moments(
-                Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
+                Returns(data[0]), np.arange(tile.begin, tile.end) - tile.first, beams, table,
                 evidences, model.tau, lattice.spacing,
             )  # fmt: skip
         blind = blind_share(data, tile.begin - tile.first, tile.end - tile.first, table.beams)
