@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import functools
 import json
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from ambinav.ambiguity.changes import Changes
-from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
+from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
@@ -33,10 +35,11 @@ from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice, slices_in
 from ambinav.layers.context import LayerContext
-from ambinav.map_building.build import reporter
+from ambinav.map_building.build import computed_lattice, reporter
 from ambinav.map_building.frame import Frame
 from ambinav.map_building.seen_changes import SeenChanges
 from ambinav.map_building.selection import ChosenPoses
+from ambinav.map_building.worth import ExpectedWork, build_seconds, is_small
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
@@ -76,9 +79,10 @@ def updated(
             robot can stand nowhere in `env`; or one of the two is in space and one is a plan.
     """
     check_kind(env, Environment, "env", "give what `Environment.edited` returns")
-    old = amap.environment
-    if (old.space is None) != (env.space is None):
-        kinds = ["a plan" if part.space is None else "in space" for part in (env, old)]
+    # The building of the map itself is read only where it is needed.
+    in_space = [env.space is not None, bool(amap.dataset.attrs.get("environment_space"))]
+    if in_space[0] != in_space[1]:
+        kinds = ["in space" if part else "a plan" for part in in_space]
         raise InputError(
             f"{env.name}: it is {kinds[0]}, and the building of the map is {kinds[1]}; make a new "
             "map with build_map."
@@ -100,7 +104,6 @@ class _Update:
         before: Lattice of the map.
         after: Lattice of the building.
         frame: Around both.
-        changes: Between the two buildings.
     """
 
     amap: AmbiguityMap
@@ -111,7 +114,6 @@ class _Update:
     before: Frame
     after: Frame
     frame: Frame
-    changes: Changes
 
     @classmethod
     def of(cls, amap: AmbiguityMap, env: Environment) -> _Update:
@@ -128,7 +130,6 @@ class _Update:
                 f"{env.name}: the map is a part of its building and cannot be updated; open it "
                 "without bounds, or build the map of the changed building."
             )
-        body = context.model.robot_radius > 0.0
         return cls(
             amap,
             env,
@@ -138,7 +139,6 @@ class _Update:
             before,
             after,
             before.around(after),
-            Changes.between(amap.environment, env, body),
         )
 
     @functools.cached_property
@@ -151,22 +151,46 @@ class _Update:
         """Headings, radians; None for a map without headings."""
         return self.context.headings if self.context.has_theta else None
 
-    def run(self, report: Progress) -> AmbiguityMap:
-        """Compute what changed, and copy the rest."""
-        was = self.frame.taken(self.amap.possible, self.before, False)
-        possible = self.possible(was)
-        free: Bools = np.any(possible, axis=2)
-        if not free.any():
-            raise InputError(
-                f"{self.env.name}: at no point of the lattice the robot fits; give it more room."
-            )
-        stale = self.stale(was, possible)
-        affected: Bools = self.dilated(stale) & free
-        patch = self.computed(possible, affected, report)
-        variables = self.merged(patch, self.inner(free), self.inner(affected))
-        x, y = self.after.axes(self.spacing)
-        lattice = Lattice(self.env, self.spacing, x, y, self.inner(free))
+    @functools.cached_property
+    def changes(self) -> Changes:
+        """Between the two buildings."""
+        body = self.context.model.robot_radius > 0.0
+        return Changes.between(self.amap.environment, self.env, body)
+
+    @functools.cached_property
+    def was(self) -> Bools:
+        """Where the robot could stand before, over the frame and the headings."""
+        return self.frame.taken(self.amap.possible, self.before, False)
+
+    @functools.cached_property
+    def was_free(self) -> Bools:
+        """Where it could at some heading, over the frame."""
+        free: Bools = np.any(self.was, axis=2)
+        return free
+
+    @functools.cached_property
+    def pays(self) -> bool:
+        """Whether an update is expected to take less time than to compute every pose."""
         context = self.context
+        seconds = build_seconds(
+            int(self.was.sum()), context.scanner.beams, context.radius, self.spacing
+        )
+        # So small a map is made before it is known what changed.
+        return not is_small(seconds) and self.work.pays(seconds)
+
+    @functools.cached_property
+    def work(self) -> ExpectedWork:
+        """Work of an update, by a sample."""
+        reach = self.boxes(self.seen.reach + SLACK) if len(self.changes.edges) else []
+        axes, radius = self.frame.axes(self.spacing), self.context.radius
+        work = ExpectedWork.of(self.seen, reach, self.was_free, *axes, self.spacing, radius)
+        grown = self.env.free.area / self.amap.environment.free.area - 1.0
+        return work.with_more_floor(max(grown, 0.0))
+
+    def run(self, report: Progress) -> AmbiguityMap:
+        """Compute what changed, and copy the rest; or compute all where that is faster."""
+        context = self.context
+        lattice, variables = self.patched(report) if self.pays else self.built(report)
         dataset = with_building(
             variables,
             lattice,
@@ -180,16 +204,43 @@ class _Update:
         if schema.added(self.amap.dataset):
             from ambinav.layers.recompute import Changed  # only where there are some
 
-            kept = self.inner(free & was.any(axis=2))
+            kept = lattice.free & self.after.taken(self.was_free, self.frame, False)
 
             def taken(values: NDArray[Any]) -> NDArray[Any]:
                 old_values = self.after.taken(values, self.before, np.nan)
                 old_values[~kept] = np.nan
                 return old_values
 
-            amap = Changed(self.amap, amap, self.env, self.boxes, taken).with_layers()
+            boxes = self.boxes if self.pays else _everywhere
+            amap = Changed(self.amap, amap, self.env, boxes, taken).with_layers()
         report(1.0)
         return amap
+
+    def patched(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
+        """Return the lattice and its layers, computed where the change is seen."""
+        possible = self.possible()
+        free: Bools = np.any(possible, axis=2)
+        if not free.any():
+            raise InputError(
+                f"{self.env.name}: at no point of the lattice the robot fits; give it more room."
+            )
+        stale = self.stale(possible)
+        affected: Bools = self.dilated(stale) & free
+        patch = self.computed(possible, affected, report)
+        variables = self.merged(patch, self.inner(free), self.inner(affected))
+        x, y = self.after.axes(self.spacing)
+        return Lattice(self.env, self.spacing, x, y, self.inner(free)), variables
+
+    def built(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
+        """Return the lattice and its layers, computed as `build_map` does."""
+        context = self.context
+        lattice, results = computed_lattice(
+            self.env, self.spacing, context.full_scanner, context.scanner, context.model,
+            self.theta, within(report, 0.0, 0.95),
+        )  # fmt: skip
+        variables = pose_layers(lattice, context.model, self.theta, results)
+        self.check_layers(variables)
+        return lattice, variables | {"clearance": clearance_layer(lattice)}
 
     def solid(self, free: Bools) -> Bools | None:
         """Return solid cells of a building whose occupied cells are no longer known; else None.
@@ -211,7 +262,14 @@ class _Update:
         return self.after.taken(values, self.frame, False)
 
     def judge(self) -> FloorJudge:
-        """Return the judge of the floor, recomputed only where room for a body changed."""
+        """Return the judge of the floor, recomputed only where room for a body changed.
+
+        For a map whose own judge is not at hand the whole floor is judged again, as it would be for
+        that.
+        """
+        if not self.pays or "judge" not in vars(self.amap):
+            judged = self.amap.judged
+            return FloorJudge.for_robot(self.env, judged.radius, judged.start)
         old, changes = self.amap.environment, self.changes
         if old.drivable is not None or self.env.drivable is not None:
             changes = Changes.between(old, self.env, True)
@@ -219,12 +277,9 @@ class _Update:
         boxes = changes.boxes(judge.radius + SLACK) if len(changes.edges) else []
         return judge.changed(self.env, boxes)
 
-    def possible(self, was: Bools) -> Bools:
-        """Return where the robot can stand now, over the frame and the headings.
-
-        `was` is where it could stand before.
-        """
-        possible = was.copy()
+    def possible(self) -> Bools:
+        """Return where the robot can stand now, over the frame and the headings."""
+        possible = self.was.copy()
         context, x, y = self.context, *self.frame.axes(self.spacing)
         offset = float(np.hypot(*context.full_scanner.mounts[:, :2].T).max())
         margin = offset + context.model.robot_radius + SLACK
@@ -253,17 +308,18 @@ class _Update:
         (left, low), (right, high) = ends.min(axis=0) - margin, ends.max(axis=0) + margin
         return [(float(left), float(low), float(right), float(high))]
 
-    def stale(self, was: Bools, possible: Bools) -> Bools:
+    def stale(self, possible: Bools) -> Bools:
         """Return the frame's cells where a scan, a link or the possibility to stand changed."""
-        stale: Bools = (was != possible).any(axis=2)
+        stale: Bools = (self.was != possible).any(axis=2)
         changes, (x, y) = self.changes, self.frame.axes(self.spacing)
         if not len(changes.edges):
             return stale
         free = possible.any(axis=2)
-        reach = self.seen.reach + SLACK
         in_reach = np.zeros_like(stale)
-        for box in self.boxes(reach):
+        for box in self.boxes(self.seen.reach + SLACK):
             in_reach[slices_in(box, x, y)] = True
+        if not self.work.asked:
+            return stale | (in_reach & free)
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)
         near = PARTED * self.spacing
@@ -323,26 +379,38 @@ class _Update:
         layers = pose_layers(lattice, context.model, self.theta, results)
         return {name: array.values[chosen] for name, array in layers.items()}
 
-    def merged(
-        self, patch: dict[str, NDArray[Any]], free: Bools, affected: Bools
-    ) -> dict[str, xr.DataArray]:
-        """Merge the map's layers, on the new lattice, with those of the patch where it has them."""
-        old = self.amap.dataset
-        names = [
+    @property
+    def names(self) -> list[str]:
+        """Layers of the map that the beams determine."""
+        return [
             str(name)
-            for name in old.data_vars
+            for name in self.amap.dataset.data_vars
             if name in self.amap.layers
             and schema.base_name(str(name)) in CORE_LAYERS
             and name not in ("free", "clearance", "judged")
         ]
-        if patch and set(patch) != set(names):
-            odd = ", ".join(sorted(set(patch) ^ set(names)))
+
+    def check_layers(self, fresh: Iterable[str]) -> None:
+        """Check that the layers that are computed are those of the map.
+
+        Raises:
+            InputError: they are not.
+        """
+        if odd := ", ".join(sorted(set(fresh) ^ set(self.names))):
             raise InputError(
                 f"{self.amap.source}: it was made by another version of ambinav, which differs in "
                 f"{odd}; make the map again with `ambinav map`."
             )
+
+    def merged(
+        self, patch: dict[str, NDArray[Any]], free: Bools, affected: Bools
+    ) -> dict[str, xr.DataArray]:
+        """Merge the map's layers, on the new lattice, with those of the patch where it has them."""
+        old, names = self.amap.dataset, self.names
+        if patch:
+            self.check_layers(patch)
         # Many times faster than the masks themselves.
-        was = self.after.taken(self.amap.possible, self.before, False).any(axis=2)
+        was = self.inner(self.was_free)
         gone, fresh = np.nonzero(was & ~free), np.nonzero(affected)
         variables = {}
         for name in patch or names:
@@ -376,6 +444,11 @@ class _Update:
 def _scanner_of(text: str) -> RangeScanner:
     """Parse and cache a map's scanner, as interactive edits update maps several times a second."""
     return RangeScanner.from_yaml_text(text, file="scanner_yaml")
+
+
+def _everywhere(margin: float) -> list[Bounds]:
+    """Return a box around everything, as `_Update.boxes` gives boxes around the changes."""
+    return [(-math.inf, -math.inf, math.inf, math.inf)]
 
 
 def _empty(name: str) -> float:
