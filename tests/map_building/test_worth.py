@@ -14,6 +14,7 @@ from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 from ambinav.map_building import worth
+from ambinav.map_building.map_change import MapChange
 from ambinav.map_building.update import _Update
 from ambinav.map_building.worth import ExpectedWork, build_seconds
 from tests.geometry import scenes
@@ -106,8 +107,8 @@ def test_what_only_the_map_knows_is_kept(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_the_expected_share_is_that_of_the_poses_computed() -> None:
     env = two_rooms()
     amap = built(env)
-    work = _Update.of(amap, env.edited([Obstacle.post(1.0, 1.0, 0.2)])).work
-    again = amap.update(env.edited([Obstacle.post(1.0, 1.0, 0.2)]))
+    edited = env.edited([Obstacle.post(1.0, 1.0, 0.2)])
+    work, again = _Update(MapChange.of(amap, edited)).work, amap.update(edited)
     differ = np.nan_to_num(again.dataset["ambiguity"].values - amap.dataset["ambiguity"].values)
     share = (differ != 0.0).sum() / amap.dataset["free"].values.sum()
     assert work.asked and share - 0.05 < work.share < share + 0.3
