@@ -19,14 +19,18 @@ from collections.abc import Callable, Iterator
 import numba
 import numpy as np
 import shapely
+import xarray as xr
 from harness import arguments, environment_of, option, report, spread, table
 from lasers import laser
+from shapely.ops import substring
 
 import ambinav as an
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import WALL
 
 LENGTH = 2.0
+# A wall that is taken away leaves as much floor on both sides, metres.
+ASIDE = 0.2
 SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplidar-s2")
 
 
@@ -55,8 +59,9 @@ def moved_wall(env: an.Environment, panel: Obstacle) -> an.Environment:
     """Return the building without `LENGTH` of its longest wall, and with the panel."""
     walls = env.segments.xy[env.segments.kind == WALL]
     ax, ay, bx, by = walls[np.argmax(np.hypot(*(walls[:, 2:] - walls[:, :2]).T))].tolist()
-    middle = shapely.line_interpolate_point(shapely.LineString([(ax, ay), (bx, by)]), 0.5, True)
-    return env.edited([panel], middle.buffer(LENGTH / 2))
+    wall = shapely.LineString([(ax, ay), (bx, by)])
+    part = substring(wall, (wall.length - LENGTH) / 2, (wall.length + LENGTH) / 2)
+    return env.edited([panel], part.buffer(ASIDE, cap_style="flat"))
 
 
 def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, float]:
@@ -130,8 +135,10 @@ def rows_of(
             after, *row[0] = timed(functools.partial(opened(first).update, changed()))
             whole, *row[1] = timed(functools.partial(an.build_map, changed(), scanner, store=False))
         update, build = seconds.min(axis=0)
-        before = [amap.floor("level").values for amap in (first, after)]
-        moved = int((np.abs(np.nan_to_num(before[0]) - np.nan_to_num(before[1])) > 1e-6).sum())
+        # A wall that is moved may leave a lattice of another extent.
+        levels = xr.align(*(amap.floor("level") for amap in (first, after)), join="outer")
+        old, new = (np.nan_to_num(level.values) for level in levels)
+        moved = int((np.abs(old - new) > 1e-6).sum())
         clock, processor = (update / build).tolist()
         ratios.append((clock, processor))
         lines.append(
