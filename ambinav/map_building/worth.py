@@ -20,9 +20,9 @@ from ambinav.runtime.lanes import LANES
 # One in so many rows and columns is sampled.
 SAMPLED: Final = 4
 # Seconds that an update takes whatever sees the change.
-OVERHEAD: Final = 0.06
+OVERHEAD: Final = 0.04
 # Of a build of so few seconds the sample alone would take a twentieth.
-SMALLEST: Final = 0.15
+SMALLEST: Final = 0.1
 # Seconds of one thread of a build, for each pose and heading: to compare it with a neighbour, but
 # for the columns of the scan, and for each column (processor of benchmarks/results/update.md).
 PER_NEIGHBOUR: Final = 48e-9

@@ -118,6 +118,6 @@ def test_seconds_of_a_build() -> None:
     once, twice = (build_seconds(poses, 60, 0.5, 0.1) for poses in (1000, 2000))
     assert twice == pytest.approx(2.0 * once)
     assert build_seconds(1000, 1, 0.5, 0.1) == build_seconds(1000, 16, 0.5, 0.1) < once
-    # From a third of the floor on that sees the change, a build of 0.1 s is as fast.
-    assert ExpectedWork(True, 0.2).pays(0.1) and not ExpectedWork(True, 0.4).pays(0.1)
+    # From half the floor on that sees the change, a build of 0.1 s is as fast.
+    assert ExpectedWork(True, 0.4).pays(0.1) and not ExpectedWork(True, 0.6).pays(0.1)
     assert ExpectedWork(True, 0.8).pays(10.0) and not ExpectedWork(True, 0.95).pays(10.0)
