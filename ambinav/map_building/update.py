@@ -43,7 +43,8 @@ def updated(
 
     Raises:
         InputError: the map does not say how it was made, or was made by another version; or the
-            robot can stand nowhere in `env`; or one of the two is in space and one is a plan.
+            robot can stand nowhere in `env`; or one of the two is in space and one is a plan; or
+            the map does not keep its building in space.
     """
     check_kind(env, Environment, "env", "give what `Environment.edited` returns")
     # The building of the map itself is read only where it is needed.
@@ -53,6 +54,11 @@ def updated(
         raise InputError(
             f"{env.name}: it is {kinds[0]}, and the building of the map is {kinds[1]}; make a new "
             "map with build_map."
+        )
+    if in_space[1] and "space" not in amap.dataset:
+        raise InputError(
+            f"{amap.source}: this map was made of a building in space, of which it keeps the floor "
+            "alone, so that it is not known what changed; make a new map with build_map."
         )
     with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
         return _Update(MapChange.of(amap, env)).run(report)
