@@ -118,7 +118,8 @@ class AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
         The result equals, to rounding, the map that `build_map` makes of `env` with this map's
-        scanner and parameters. It takes only the time of the poses that see the change.
+        scanner and parameters. It takes the time of the poses that see the change; where, by a
+        sample of them, a build would take no longer, all are computed anew.
 
         Args:
             env: The building, see `Environment.edited`.

@@ -19,6 +19,9 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.sensing import Intensity
 from tests.geometry import scenes
 
+# The maps are so small that all of them would be built anew.
+pytestmark = pytest.mark.usefixtures("patching")
+
 LASER = an.RangeSensor(max_range=2.0, std=0.03, resolution=0.001)
 SPACING, RADIUS = 0.125, 0.4
 AROUND = an.RangeScanner.planar(LASER, 16, 2 * math.pi)
