@@ -13,6 +13,7 @@ import shutil
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,7 @@ def dask_forks() -> Iterator[None]:
     """Let the workers of a cluster be copies of a process too."""
     dask = pytest.importorskip("dask")
     pytest.importorskip("distributed")  # first, as it sets defaults
+    forkserver.ensure_running()  # before it is told to load other modules
 
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         yield
