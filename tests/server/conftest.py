@@ -6,13 +6,29 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import shapely
 
 import ambinav as an
+from ambinav.runtime.processes import ChildProcess
 from ambinav.server.http.app import create_app
 from tests.server.live import Live, running
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forked_workers(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let the server's processes be copies of one, but in the tests of just these."""
+    begin = ChildProcess.__init__
+
+    def begun(self: ChildProcess, method: str, *arguments: Any) -> None:
+        begin(self, "forkserver" if method == "spawn" else method, *arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.name != "test_edit_processes.py":
+            patch.setattr(ChildProcess, "__init__", begun)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -28,6 +28,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out" / "index.html"
 
 
+@pytest.mark.slow(minutes=0.2, kept=("390-light", "1280-dark"))
 @pytest.mark.parametrize("colours", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 768, 1280])
 def test_it_can_be_read_everywhere(chromium: Any, report: Path, width: int, colours: str) -> None:
