@@ -105,6 +105,7 @@ BELIEF = Planner(
     spaces=("r2",),
     uses_ompl=False,
     minimises_cost=False,
+    uses_budget=False,
 )
 BELIEF_ROADMAP = Planner(
     "belief-roadmap",
