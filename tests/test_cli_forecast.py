@@ -191,8 +191,7 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
 def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     folder: Path, odometry: list[str], start: list[str], std: float
 ) -> None:
-    budget = ["--planner", "belief", "--seed", "3", "--time", "60", "--iterations", "150"]
-    belief = [*budget, *start, "--verify", "0.5"]
+    belief = ["--planner", "belief", "--seed", "3", *start, "--verify", "0.5"]
     words = ["plan", "map.zarr", *ENDS, "-o", "new.csv", *belief, *odometry, "--json"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code in (0, 3), result.output
@@ -203,9 +202,7 @@ def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     assert figures["lost_probability"] == pytest.approx(known.lost_probability, abs=1e-6)
     model = BeliefModel(start_std=(std, std, 0.05))
     planner = RoutePlanner(an.AmbiguityService(amap), belief=model, odometry=noise)
-    again = planner.plan(
-        (9, 21), (28, 17), planner_name="belief", seed=3, seconds=60.0, iterations=150
-    )
+    again = planner.plan((9, 21), (28, 17), planner_name="belief", seed=3)
     np.testing.assert_array_equal(again.poses, route.poses)
 
 
