@@ -13,6 +13,7 @@ from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
+from ambinav.sensing.preset_summary import field_of_view
 from ambinav.sensing.sight import Sight
 from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING, AliasingPart, aliasing_part
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
@@ -49,7 +50,7 @@ class ScannerPart(Part):
     description: str
     kind: str
     beams: int
-    aperture_deg: Degrees
+    aperture_deg: Degrees = Field(description="field of view, cones included")
     max_range_m: Metres
     source: str = Field(description="where the scanner's figures come from")
     yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
@@ -240,7 +241,11 @@ def document(audit: Audit, image_format: str = "png") -> Document:
             segments=len(audit.environment.segments),
             notes=(*audit.environment.notes, *audit.reach.notes),
         ),
-        scanner=ScannerPart.of(audit.scanner, yaml=audit.scanner.to_yaml()),
+        scanner=ScannerPart.of(
+            audit.scanner,
+            aperture_deg=math.degrees(field_of_view(audit.scanner)),
+            yaml=audit.scanner.to_yaml(),
+        ),
         floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +16,16 @@ from typer.testing import CliRunner
 import ambinav as an
 from ambinav.cli import app
 from ambinav.drive.bootstrap import Interval
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.conditions import parse_condition
+from ambinav.sensing.preset_summary import field_of_view, preset_summaries
 from ambinav.studies.audit.advise import LITTLE, advise, decide
 from ambinav.studies.audit.audit import Audit, audit
-from ambinav.studies.audit.counterfactual.alternatives import scanner_changes
+from ambinav.studies.audit.counterfactual.alternatives import (
+    other_models,
+    scanner_changes,
+    wider_apertures,
+)
 from ambinav.studies.audit.counterfactual.posts import find_posts
 from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
 from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual, as_good
@@ -30,6 +37,7 @@ from ambinav.studies.audit.post_search import posts_part
 from ambinav.studies.audit.report import write_audit
 from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.design.improved import most_improved
+from tests.maps import synthetic
 
 SPACING = 0.25
 
@@ -61,6 +69,23 @@ def advised(racks: Audit) -> Audit:
 
 def bad_area(amap: an.AmbiguityMap, counted: np.ndarray) -> float:
     return float((np.isin(amap.floor("zone").values, BAD) & counted).sum()) * amap.cell_area
+
+
+@pytest.mark.parametrize("name", ["hc-sr04", "vl53l5cx", "hokuyo-urg-04lx"])
+def test_a_scanner_has_one_aperture(name: str, building: an.Environment) -> None:
+    """The list of presets, the report and the advice say the same, cones included."""
+    (row,) = (summary for summary in preset_summaries() if summary.name == name)
+    scanner = an.RangeScanner.from_preset(name)
+    shown = audit(AmbiguityMap(synthetic.dataset()), building, scanner, places=0)
+    told = document(shown).scanner.aperture_deg
+    assert told == pytest.approx(math.degrees(row.aperture), abs=0.051)
+    for change in wider_apertures(scanner):
+        now, then = re.findall(r"[\d.]+(?=°)", change.title)[::-1]
+        assert now == row.row()[3].rstrip("°")
+        assert float(then) == pytest.approx(math.degrees(field_of_view(change.scanner)), abs=0.5)
+    apertures = {summary.name: summary.row()[3] for summary in preset_summaries()}
+    for change in other_models(scanner):
+        assert change.title.endswith(f", {apertures[change.title.split()[1]]})")
 
 
 @pytest.mark.slow
