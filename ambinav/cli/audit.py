@@ -280,11 +280,16 @@ def _show(report: Document) -> None:
     from ambinav.reports.number_text import metres2, percent
 
     floor = report.floor
-    rows = [(zone.zone, metres2(zone.area_m2), percent(zone.share), "") for zone in report.zones]
+
+    def share_of(share: float) -> str:
+        """Format a share of the floor that counts."""
+        return percent(share if floor.counted_area_m2 else None)
+
+    rows = [(zone.zone, metres2(zone.area_m2), share_of(zone.share), "") for zone in report.zones]
     rows += [
         (label, metres2(area), of_counted, percent(of_free))
         for label, area, of_counted, of_free in (
-            ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
+            ("explored, reachable", floor.counted_area_m2, share_of(1.0), floor.counted_share),
             ("unexplored", floor.unexplored_area_m2, "", floor.unexplored_share),
             (
                 unreachable_label(floor.robot_radius_m),

@@ -418,6 +418,7 @@ class AmbiguityMap:
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
         judged = self.judged
         shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=judged.counted))
+        judged_shares = f": {shares}" if judged.counted.any() else ""
         count = self.impossible_poses
         impossible = f", {count} poses impossible" if count else ""
         return (
@@ -425,7 +426,7 @@ class AmbiguityMap:
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
             f"{self.free_area:.0f} m^2 free{impossible}\n"
-            f"  of {judged.area(judged.counted):.0f} m^2 judged: {shares}\n"
+            f"  of {judged.area(judged.counted):.0f} m^2 judged{judged_shares}\n"
             f"  layers: {', '.join(self._layers)}\n"
             f"  costs read: {self.cost_layer}>"
         )

@@ -186,6 +186,11 @@ def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) ->
 
 
 def _unexplored_sentence(result: Audit) -> str:
+    if not result.parts.unexplored.any():
+        return (
+            f"Close the building first: all floor that the robot can reach in "
+            f"{result.environment.name} is outside of it or at the border of the map."
+        )
     return (
         f"Map the building first: none of the floor that the robot can reach in "
         f"{result.environment.name} is explored."

@@ -98,6 +98,12 @@ class Audit:
         """Summary of the result in a few plain sentences."""
         robot = f"a robot of radius {self.reach.radius:.2f} m"
         free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
+        if not self.area and not unexplored:
+            reasons = "; ".join(self._left_out_sentence(free))
+            return (
+                f"None of the {metres2(free)} of free floor of {self.environment.name} can be "
+                f"judged for {robot}. {reasons}"
+            )
         if not self.area:
             return (
                 f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} can "

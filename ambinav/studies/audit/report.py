@@ -13,7 +13,7 @@ from typing import Any, Final
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
-from ambinav.reports.number_text import metres2
+from ambinav.reports.number_text import metres2, percent
 from ambinav.reports.parameters import map_parameters
 from ambinav.runtime.files import replacing
 from ambinav.runtime.progress import Progress, silent
@@ -139,7 +139,9 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "meaning": "the margin around the building, or reached where the map ends",
         "swatch": style.UNKNOWN,
     }
+    counted = report.floor.counted_area_m2
     filters: dict[str, Callable[..., str]] = {
+        "of_counted": lambda share: percent(share if counted else None),
         "axis_degrees": axis_degrees,
         "places": places_text,
         "improved": lambda places: improved_text(places, named=False),
