@@ -244,8 +244,8 @@ class ServedMaps:
 
 
 def slug(text: str) -> str:
-    """Convert a text to a name for addresses: lower-case letters, digits and single dashes."""
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "map"
+    """Convert a text to a name for addresses: letters, digits, underscores and single dashes."""
+    return re.sub(r"[^A-Za-z0-9_]+", "-", text).strip("-") or "map"
 
 
 def layer_kind(layer: str) -> str:

@@ -41,7 +41,7 @@ def corridor(plan_map: Path) -> an.AmbiguityMap:
 def turning() -> an.AmbiguityMap:
     """A map with headings: a room with a pillar."""
     room = shapely.box(0, 0, 4, 2) - shapely.box(3, 0.5, 3.6, 1.1)
-    environment = an.environment_from_shapes([room], name="Narrow Room")
+    environment = an.environment_from_shapes([room], name="narrow room")
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=1.5, std=0.02, resolution=0.01), beams=12, aperture=math.pi
     )

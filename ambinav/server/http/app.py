@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.address import Address
@@ -32,6 +32,7 @@ from ambinav.server.http import (
     view,
 )  # fmt: skip
 from ambinav.server.http.context import Context
+from ambinav.server.http.known_query import check_query
 from ambinav.server.http.poses import InvalidBodyError
 from ambinav.server.jobs.scratch import remove_left
 from ambinav.server.jobs.state import State
@@ -135,9 +136,9 @@ def create_app(
         edits.router,
         sessions.router,
         audits.router,
-        docs.router,
     ):
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(check_query)])
+    app.include_router(docs.router)
     mount_page(app)
     app.add_middleware(Guard, limits=limits, access=access)
     app.add_middleware(Observer, metrics=context.metrics)  # around the guard: refusals count too
