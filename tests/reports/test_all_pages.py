@@ -37,6 +37,13 @@ SCENARIO = {
 }  # fmt: skip
 
 
+PICTURES = "() => document.querySelectorAll('figure img').length"
+UNDIMMED = """() => [...document.querySelectorAll("figure img")].filter((picture) =>
+  ![picture, picture.closest("figure")].some((e) => getComputedStyle(e).filter.includes("bright"))
+).length"""
+"""Script that counts the pictures that the dark does not dim."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("study", COMMANDS)
 def test_nothing_is_wider_than_the_screen(
@@ -59,5 +66,6 @@ def test_nothing_is_wider_than_the_screen(
         page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
         page.goto(page_file.resolve().as_uri())
         assert page.evaluate(SIZES) == [width, width], (width, scheme)
+        assert page.evaluate(UNDIMMED) == (0 if scheme == "dark" else page.evaluate(PICTURES))
         assert faults == []
         context.close()
