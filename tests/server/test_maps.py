@@ -206,7 +206,9 @@ def test_ids_keep_underscores_and_case(corridor: an.AmbiguityMap) -> None:
 def test_unknown_query_parameters_are_refused_everywhere(live: Live) -> None:
     for path, operations in live.get("/openapi.json")["paths"].items():
         address = re.sub(r"\{\w+\}", "map", path)
-        for method in operations:
+        for method, operation in operations.items():
+            if operation["tags"] == ["server"]:  # whoever watches may add to the address
+                continue
             answer = live.http.request(method.upper(), f"{address}?n=-1")
             assert (answer.status_code, answer.json()["field"]) == (422, "n"), (method, path)
     answer = live.http.get("/v1/maps/map/values?x=1&y=1&heading=45")

@@ -96,9 +96,9 @@ def create_app(
 
         await context.resume()
         keeping = asyncio.create_task(asyncio.to_thread(tend))
-        first: list[Step] = [
-            partial(context.once, amap, "worst", view.worst_places) for amap in served
-        ]
+        # The document that queries are checked against.
+        first: list[Step] = [partial(context.in_thread, app.openapi)]
+        first += [partial(context.once, amap, "worst", view.worst_places) for amap in served]
         first += [partial(context.in_thread, view.first_values, amap) for amap in served]
         ahead = asyncio.create_task(context.prepare(first, processes=processes))
         try:
@@ -125,8 +125,8 @@ def create_app(
     problems.install(app)
     openapi.install(app, with_token=not access.is_open)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
+    app.include_router(probes.router)  # whoever watches may add to the address
     for router in (
-        probes.router,
         view.router,
         poses.router,
         shapes.router,
