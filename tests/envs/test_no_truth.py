@@ -38,7 +38,7 @@ def marks_of(name: str) -> list[pytest.MarkDecorator]:
     """Return the marks of an id: twins without the map or with a belief drive the same episodes."""
     if name.startswith(FEWER_FEATURES):
         return [pytest.mark.sweep]
-    twin = "-NoMap-" in name or name == "ambinav/TwinRooms5-Belief-v1"
+    twin = "-NoMap-" in name or name == "ambinav/TwinRooms5-Belief-v2"
     return [pytest.mark.slow] if twin else []
 
 

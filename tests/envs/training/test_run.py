@@ -267,7 +267,7 @@ def test_what_is_finished_is_finished_again_with_the_same_bytes(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["Kidnapped-v1", "UnknownStart-v1", "TwinRooms1-v1"])
+@pytest.mark.parametrize("name", ["Kidnapped-v1", "UnknownStart-v1", "TwinRooms1-v2"])
 def test_tasks_can_be_trained(tmp_path: Path, name: str) -> None:
     environment = {"id": f"ambinav/{name}", "buildings": 1}
     judged = {"episodes": 1, "every": 100_000, "environment": {"buildings": 1}}
