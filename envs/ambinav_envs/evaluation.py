@@ -99,8 +99,10 @@ class Episodes:
 
     @property
     def length_ratio(self) -> Floats:
-        """Driven length over the shortest path for arrivals; nan for other episodes."""
-        return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
+        """Driven length over the shortest path for arrivals; nan for others, and at the start."""
+        ratio = np.full(len(self), np.nan)
+        there = self.ended(ARRIVED) & (self.shortest > 0.0)
+        return np.divide(self.travelled, self.shortest, out=ratio, where=there)
 
     @property
     def spl(self) -> Floats:

@@ -17,6 +17,7 @@ from ambinav_envs.buildings.tasks import (
     Task,
     draw_places,
     draw_task,
+    path_length,
     spread_from,
     start_for,
 )
@@ -188,9 +189,11 @@ class Goals:
     ) -> Task | None:
         """Return a task, or None if its ends are not free or not connected in the world."""
         world, x, y = self._world, float(start[0]), float(start[1])
+        cost = distance
         if world is not self._lattice:
             ends = np.array([[x, y, 0.0], [goal[0], goal[1], 0.0]])
-            distance = world.distance(true_lengths, x, y)
+            cost = world.distance(true_lengths, x, y)
+            distance = path_length(world, start[:2], goal, cost)
             checker = world.checker
             if not (
                 np.isfinite(distance)
@@ -198,7 +201,6 @@ class Goals:
                 and (checker.clearance(ends) >= MARGIN).all()
             ):
                 return None
-        cost = distance
         if self._priced is not None:
             cost = world.distance(cost_to_go.costs, x, y)
         return Task(start, goal, distance, cost_to_go, cost)
