@@ -115,6 +115,11 @@ class LocalizerClass:
         plain: Any = parse_yaml(read_text(path), str(path), _EXAMPLE)
         if not isinstance(plain, Mapping):
             raise InputError(f"{path} holds {reprlib.repr(plain)}; give {_EXAMPLE}.")
+        if "type" in plain and "gain" not in plain:
+            raise InputError(
+                f"{path} is the file of a localizer, and this needs a class, whose forecasts were "
+                "fitted to its drives; make a class of it with `ambinav calibrate localizer`."
+            )
         try:
             made = from_mapping(cls, plain)
             for localizer in (made.localizer, made.otherwise):

@@ -211,6 +211,13 @@ def test_bad_arguments(demo_map: AmbiguityMap, arguments: dict[str, object], mes
         Forecaster(demo_map, **arguments)  # type: ignore[arg-type]
 
 
+def test_the_file_of_a_localizer_is_no_class(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("type: program\ncommand: [python, mine.py]\n")
+    with pytest.raises(InputError, match="make a class of it with `ambinav calibrate localizer`"):
+        LocalizerClass.load(path)
+
+
 def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
     forecaster = Forecaster(demo_map)
     far = Route.through([[100.0, 100.0], [120.0, 100.0]])

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from ambinav.config import nearest
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.progress import Stages
 from ambinav.runtime.provenance import Provenance, digest_of
@@ -89,6 +90,11 @@ def entries_for(frozen: FrozenBenchmark, policies: Sequence[str], trust: bool) -
         return _entries_in(read_submission(Path(policies[0]), frozen), (), trust)
     by_task = [text.split("=", 1) for text in policies if text.partition("=")[0] in frozen.tasks]
     common = [text for text in policies if text.partition("=")[0] not in frozen.tasks]
+    for text in (text for text in common if "=" in text and not Path(text).exists()):
+        task = text.partition("=")[0]
+        raise InputError(
+            f"--policy {text}: {task!r} is no task of the benchmark; {nearest(task, frozen.tasks)}."
+        )
     chosen = {**dict.fromkeys(frozen.tasks, common[0] if common else ""), **dict(by_task)}
     if len(common) > 1 or len(dict(by_task)) < len(by_task) or "" in chosen.values():
         raise InputError(

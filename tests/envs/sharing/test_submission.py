@@ -452,6 +452,11 @@ def test_who_does_not_navigate_scores_nothing(
         ([f"{HARD}=vfh"], "a task has two policies or none"),
         ([f"{HARD}=vfh", f"{HARD}=dwa", "vfh"], "a task has two policies or none"),
         ([f"{HARD}=vhf", "vfh"], "did you mean vfh"),
+        (
+            ["ambinav/AcurateGoal-v1=vfh", "vfh"],
+            "'ambinav/AcurateGoal-v1' is no task of the benchmark; did you mean ambinav/Accu",
+        ),
+        (["Procedural-v1=vfh", "vfh"], f"is no task of the benchmark; did you mean {PLAIN}"),
         (["gone.json"], "gone.json: it cannot be read"),
     ],
 )
