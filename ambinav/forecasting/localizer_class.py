@@ -65,6 +65,7 @@ class LocalizerClass:
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
         offset: Added to them.
+        skill: Interval of the Brier skill on buildings left out; None: it was not measured.
         localizer: What drives are of, as in a scenario: a name of the registry, or a mapping with
             the key type and parameters. The odometry's parameters follow from the odometry.
         otherwise: Likewise, for scanners that `localizer` cannot use; None: there are none.
@@ -84,6 +85,7 @@ class LocalizerClass:
     angle: Positive = 0.2
     slope: Positive = 1.0
     offset: Number = 0.0
+    skill: tuple[Number, Number] | None = None
     localizer: Plain = DEFAULT
     otherwise: Plain | None = None
     made: str = ""
@@ -161,6 +163,11 @@ class LocalizerClass:
         return isinstance(parameters, MclParameters) and parameters.laser_model_type.startswith(
             "likelihood_field"
         )
+
+    @property
+    def has_skill(self) -> bool:
+        """False if forecasts by the class may be no better than the mean lost share."""
+        return self.skill is None or self.skill[0] > 0.0
 
     @property
     def runs_command(self) -> bool:

@@ -102,7 +102,8 @@ class Episodes:
         """Driven length over the shortest path for arrivals; nan for others, and at the start."""
         ratio = np.full(len(self), np.nan)
         there = self.ended(ARRIVED) & (self.shortest > 0.0)
-        return np.divide(self.travelled, self.shortest, out=ratio, where=there)
+        np.divide(self.travelled, self.shortest, out=ratio, where=there)
+        return ratio
 
     @property
     def spl(self) -> Floats:

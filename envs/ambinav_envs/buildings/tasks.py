@@ -154,7 +154,8 @@ def path_length(lattice: FreeSpaceLattice, start: Floats, goal: Floats, read: fl
         goal: x, y, shape (2,).
         read: The length by `FreeSpaceLattice.distance`.
     """
-    x, y, goal_x, goal_y = *start.tolist(), *goal.tolist()
+    x, y = float(start[0]), float(start[1])
+    goal_x, goal_y = float(goal[0]), float(goal[1])
     straight = math.hypot(goal_x - x, goal_y - y)
     near = straight <= REACH * lattice.spacing
     if near and line_free(x, y, goal_x, goal_y, *lattice.checker.arrays):

@@ -178,8 +178,8 @@ def no_task(site: Site, p: NavigationParameters) -> InputError:
         return InputError(
             f"start_aliases: in {site.building.environment.name!r} no start and goal are "
             f"{p.shortest:g} to {p.longest:g} m apart where another pose at least {APART:g} m away "
-            "gives the same scan and leads to another goal; give another building or distance, or "
-            "a scanner of shorter range."
+            "gives the same scan, has the robot's clearance, is as far from the goal and leads to "
+            "another one; give another building or distance, or a scanner of shorter range."
         )
     return InputError(
         f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "
