@@ -75,6 +75,8 @@ if TYPE_CHECKING:
     from ambinav.routes.files import save_route as save_route
     from ambinav.routes.pareto import ParetoFront as ParetoFront
     from ambinav.routes.route import Route as Route
+    from ambinav.routes.trips import Trip as Trip
+    from ambinav.routes.trips import read_trips as read_trips
     from ambinav.runtime.errors import InputError as InputError
     from ambinav.runtime.errors import InputWarning as InputWarning
     from ambinav.sensing.curves import Polynomial as Polynomial
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
     from ambinav.studies.audit.aliasing import find_aliasing as find_aliasing
     from ambinav.studies.audit.audit import Audit as Audit
     from ambinav.studies.audit.audit import audit as audit
+    from ambinav.studies.audit.lost_routes import find_lost_routes as find_lost_routes
     from ambinav.studies.audit.report import write_audit as write_audit
     from ambinav.studies.compare.criterion import judge_route as judge_route
     from ambinav.studies.compare.report import compare_routes as compare_routes

@@ -11,10 +11,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import DRAWS, Interval, grouped_weights, percentiles
+from ambinav.drive.bootstrap import DRAWS, LEVEL, Interval, grouped_weights, percentiles
+from ambinav.drive.shares import Evidence, evidence_of, wilson
 from ambinav.reports.table import is_shown
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.figures import FIGURES, ratios
+from ambinav_envs.leaderboard.figures import FIGURES, PERCENT, ratios
 
 Floats = NDArray[np.float64]
 
@@ -162,7 +163,35 @@ class Found:
     def figure(self, cell: Cell, key: str) -> Interval:
         """Return a figure of a cell with its interval of 95 %."""
         above, below = self.parts(cell, key)
+        if TITLED[key].is_share:
+            happened = (above > 0.0).astype(np.float64)
+            value, count = float(happened.mean()), happened.size
+            ends = wilson(value, self._evidence(cell, happened))
+            return Interval(value, *ends, count).scaled(PERCENT)
         return percentiles(*self._of_sums(above, below), int(np.count_nonzero(below)))
+
+    def _evidence(self, cell: Cell, happened: Floats) -> Evidence:
+        """Return the evidence of runs that come in seeds and in drawn buildings or episodes.
+
+        What each way of grouping adds to the variance is added up (Cameron, Gelbach and Miller,
+        Journal of Business and Economic Statistics 29, 2011, section 2.2); the quantile is that of
+        the way with fewer groups.
+
+        Args:
+            cell: The cell.
+            happened: 0 or 1 by seed and episode, shape (S, E).
+        """
+        runs, count = happened.shape
+        strata = [part.building for part in self.cells[cell][0]]
+        drawn: NDArray[np.generic] = np.concatenate(strata)
+        if all(len(np.unique(names)) == 1 for names in strata):
+            # Maps that are not drawn: all seeds drive the same episodes there.
+            drawn = np.arange(count)
+        groups = (np.repeat(np.arange(runs), count), np.tile(drawn, runs))
+        parts = [evidence_of(happened.ravel(), group, LEVEL) for group in groups]
+        more = sum(1.0 / part.runs - 1.0 / happened.size for part in parts)
+        quantile = max(part.quantile for part in parts)
+        return Evidence(1.0 / (1.0 / happened.size + more), quantile)
 
     def _drawn(self, values: Floats) -> tuple[float, Floats]:
         """Return the mean over the values that are not nan, and that of each draw, shape (D,)."""

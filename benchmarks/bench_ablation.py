@@ -50,6 +50,9 @@ The criterion, written before the trainings that count; what trials changed in i
   after which two policies whose reward costs by the metre (`ambiguity` and `fisher` at 0) still ran
   out of time in 34 and 59 % of the episodes: hence the common beginning.
 - VFH+ drives the same episodes on both routes, for comparison; it is no part of the criterion.
+
+Changed since: shares of single cells have score intervals, with seeds and buildings as groups
+(`drive.shares`). Effects, of which the criterion speaks, keep theirs.
 """
 
 from __future__ import annotations

@@ -25,7 +25,9 @@ Changed since: the localizer with cones multiplies its beams where it first adde
 their likelihoods (kept as `sum`, beside AMCL's own defaults, `amcl`). A Kalman filter drives all of
 it too, since a gain may be the localizer's: what is shown with one alone is claimed for that one
 alone, and beside it stands how far the gains of the two are apart. Corridor and open zones are kept
-apart, and pairs sorted by the longest stretch of each, which is no part of the criterion.
+apart, and pairs sorted by the longest stretch of each, which is no part of the criterion. The
+difference of lost robots has a score interval, with the runs of a pair as a group (`drive.shares`);
+ratios of errors keep theirs.
 
 How it came to this: a trial with the sonar ring in the demo building led to the smaller robot
 (with 0.1 m of margin it touched a wall in most drives on either route) and to the ray model for

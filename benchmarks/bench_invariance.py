@@ -1,10 +1,12 @@
-"""Change of the ambiguity level when the building is only rotated, shifted or resampled."""
+"""Change of ambiguity level and bad floor when a building is only turned, shifted or resampled."""
 
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
+import shapely
 from harness import arguments, environment_of, option, report, table
 from lasers import laser
 from numpy.typing import NDArray
@@ -13,6 +15,11 @@ import ambinav as an
 
 SHIFT = (0.037, 0.061)
 DEGREES = (0, 6, 18, 30, 42)
+INSIDE = ((3.9, 1.95, 4.1, 5.95), (6.4, 3.75, 10.9, 3.95), (8.9, 1.05, 9.3, 1.45))
+ROOM = shapely.box(0, 0, 12.85, 7.85) - shapely.union_all([shapely.box(*box) for box in INSIDE])
+"""A room of 92 m² of judged floor with two walls and a pillar."""
+TURNS = range(0, 91, 6)
+"""Degrees."""
 
 
 def differences(
@@ -32,6 +39,33 @@ def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
     """Return one line of the table."""
     median, high, most = np.percentile(change, [50, 95, 99])
     return name, f"{median:.4f}", f"{high:.3f}", f"{most:.3f}"
+
+
+def bad_floor(env: an.Environment, preset: str, spacing: float) -> float:
+    """Return the judged floor in the zones corridor and open, square metres."""
+    scanner = an.RangeScanner.from_preset(preset)
+    amap = an.build_map(env, scanner, spacing=spacing, store=False)
+    shares = amap.zone_shares(mask=amap.judged.counted)
+    return sum(share.area for share in shares if share.zone in ("corridor", "open"))
+
+
+def bad_floor_tables() -> str:
+    """Return tables of the bad floor of a turned room, and of a recorded map by spacing."""
+    room = an.environment_from_shapes([ROOM], name="room")
+    rows = []
+    for degrees in TURNS:
+        turned = room.transformed(math.radians(degrees), *SHIFT)
+        areas = [bad_floor(turned, "turtlebot3-lds", spacing) for spacing in (0.1, 0.05)]
+        rows.append((f"{degrees} degrees", *(f"{area:.1f}" for area in areas)))
+    head = ("room of 92 m², turtlebot3-lds, turned by", "bad m², spacing 0.1 m", "0.05 m")
+    text = table(head, rows)
+    if os.environ.get("AMBINAV_DATA"):
+        env = environment_of("ipa_lab_intel")
+        areas = [bad_floor(env, "hokuyo-urg-04lx", spacing) for spacing in (0.2, 0.1, 0.05)]
+        head = ("recorded map, scanner", "bad m², spacing 0.2 m", "0.1 m", "0.05 m")
+        row = ("ipa_lab_intel, hokuyo-urg-04lx", *(f"{area:.1f}" for area in areas))
+        text += "\n\n" + table(head, [row])
+    return text
 
 
 def main() -> None:
@@ -59,6 +93,8 @@ def main() -> None:
         f"configs/demo.geojson, 60 beams over 360 degrees, 4 m, spacing 0.1 m, radius 0.5 m; "
         f"differences of `level` (0 to 1) at {at.shape[1]} physical points.\n\n"
         + table(("against the plain map", "median", "95 %", "99 %"), rows)
+        + "\n\n"
+        + bad_floor_tables()
     )
     report("Invariance of the ambiguity level", ("numba", "numpy", "shapely"), body, chosen.out)
 

@@ -32,7 +32,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +55,7 @@ from ambinav.forecasting.calibrate import (
 from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import ECHO_GAINS, LocalizerClass
+from ambinav.forecasting.reliability import reliability_of
 from ambinav.localization.parameters import MclParameters
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -77,7 +77,6 @@ LARGE = 4000.0
 """From this many square metres on a map has cells of 0.2 m."""
 LARGEST = 15_000.0
 """Larger buildings are left out, for the time that their maps take."""
-BINS = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 SEED = 2
 CHI_68, CHI_95 = -2.0 * math.log(0.32), -2.0 * math.log(0.05)
 
@@ -351,22 +350,20 @@ def paired_gain(
 
 def reliability(forecasts: Floats, cases: list[Case]) -> str:
     """Return the table of forecasts against drives, with an interval of the latter."""
-    shares = np.array([case.driven.lost / case.driven.runs for case in cases])
+    driven = [case.driven for case in cases]
+    lost, runs = (np.array([getattr(route, key) for route in driven]) for key in ("lost", "runs"))
+    buildings = np.array([route.building for route in driven])
     rows = []
-    for low, high in pairwise(BINS):
-        part = (forecasts >= low) & (forecasts < high if high < 1.0 else forecasts <= high)
-        if not part.any():
-            continue
-        spread = shares[part].std(ddof=1) / math.sqrt(part.sum()) if part.sum() > 1 else math.nan
+    for each in reliability_of(forecasts, lost, runs, buildings):
+        part = (forecasts >= each.forecast_low) & (forecasts <= each.forecast_high)
         rows.append(
             [
-                f"{100 * low:g} to {100 * high:g}", int(part.sum()),
-                f"{100.0 * forecasts[part].mean():.1f}", f"{100.0 * shares[part].mean():.1f}",
-                f"{196.0 * spread:.1f}",
+                f"{100 * each.forecast_low:g} to {100 * each.forecast_high:g}", each.routes,
+                f"{100.0 * forecasts[part].mean():.1f}", f"{100.0 * each.lost:.1f}",
+                f"{100.0 * each.lost_low:.1f} to {100.0 * each.lost_high:.1f}",
             ]
         )  # fmt: skip
-    header = ["forecast, %", "routes", "mean forecast, %", "lost, %", "+- (95 %)"]
-    return table(header, rows)
+    return table(["forecast, %", "routes", "mean forecast, %", "lost, %", "95 %"], rows)
 
 
 def coverage(localizer: LocalizerClass, cases: list[Case]) -> str:

@@ -19,8 +19,8 @@ maps.
 - One by one, open loop and in the same building, on the same routes: the cones replaced by single
   rays at their axes, with and without the limit of incidence; four times as many of them; three
   times as many cones; and the product's own settings changed one at a time.
-- Intervals hold 95 % of what other seeds may give (bootstrap over all runs of a row). They are not
-  about other pairs or buildings.
+- Intervals of 95 % are about other seeds on these routes, not about other pairs or buildings: of
+  shares Wilson's over all runs of a row, of errors by the bootstrap over them.
 """
 
 from __future__ import annotations

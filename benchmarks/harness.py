@@ -42,6 +42,7 @@ ENVIRONMENTS = {
     "belgioioso": "maps_from_logs/belgioioso.yaml",
     "mrpt_uwb_hall": "maps/mrpt_uwb_hall.yaml",
     "stata_basement": "maps/stata_basement.yaml",
+    "ipa_lab_intel": "maps_research_only/ipa_lab_intel.yaml",
     "navrep_markclutter": "maps/navrep_markclutter.yaml",
     "institute": "plans/institute.ifc",
     "duplex": "plans/duplex.ifc",

@@ -85,7 +85,7 @@ def main() -> None:
 
 def figures(environment: Environment, scanner: RangeScanner, count: int) -> Floats:
     """Return, of each line: shares of bad cells by `JUDGES`, RMS error (m), share lost."""
-    amap = build_map(environment, scanner, spacing=0.25)
+    amap = build_map(environment, scanner, spacing=0.25, store=False)
     bad = judged_bad(amap)
     checker = CollisionChecker(environment, ROBOT.footprint, Steering())
     localizer = localizer_of("product", environment, scanner, NOISE, RUNS, RATE)

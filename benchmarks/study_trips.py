@@ -43,6 +43,8 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import graph_step, sample_routes
+from ambinav.routes.trip_routes import STEP
+from ambinav.routes.trips import Trip
 from ambinav.sensing.robot_radius import robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import PlaceRules
@@ -52,8 +54,7 @@ from ambinav.studies.design.requirement.requirement import Requirement
 from ambinav.studies.design.requirement.search import MappedState
 from ambinav.studies.design.requirement.states import CountedFloor, ObstacleSearch
 from ambinav.studies.design.requirement.study import Solution, meet_requirement
-from ambinav.studies.design.requirement.trip_forecasts import STEP, TripForecaster
-from ambinav.studies.design.requirement.trips import Trip
+from ambinav.studies.design.requirement.trip_forecasts import TripForecaster
 
 BUILDINGS = (
     "demo", "nav2_depot", "belgioioso", "stata_hallways_5cm", "aces",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gc
 import math
+import multiprocessing
 import os
 import pickle
 import random
@@ -12,6 +13,7 @@ import shutil
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # Maps are computed, here and in all that the tests start: two that are compared must not be one
 # map and its copy. Nor is anything kept in the user's folder. Tests of what is kept name a folder.
 os.environ["AMBINAV_CACHE"] = ""
+
+# Each of the processes that tests start would import for two seconds what is imported there once.
+multiprocessing.set_forkserver_preload(["tests.workers_at_hand"])
 
 # Modules stay until the end: to look for garbage among them takes a tenth of the collection.
 gc.disable()
@@ -107,6 +112,25 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture
+def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw a quarter of the dots, in less than half of the time."""
+    from ambinav.plotting import canvas
+
+    monkeypatch.setattr(canvas, "DPI", canvas.DPI // 2)
+
+
+@pytest.fixture
+def dask_forks() -> Iterator[None]:
+    """Let the workers of a cluster be copies of a process too."""
+    dask = pytest.importorskip("dask")
+    pytest.importorskip("distributed")  # first, as it sets defaults
+    forkserver.ensure_running()  # before it is told to load other modules
+
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        yield
+
+
+@pytest.fixture
 def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the maps that are computed."""
     from ambinav.map_building import build as build_module
@@ -166,30 +190,42 @@ def plan_folder(plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.fixture(scope="session")
-def seeded_copies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[bytes], Any]]:
-    """Answers of seeded plans from copies of one process, where OMPL has drawn no numbers yet."""
-    script = (
-        "import pickle\nfrom pathlib import Path\nfrom ambinav_planners.seeded import _called\n"
-        "Path('answer').write_bytes(pickle.dumps(_called(Path('task').read_bytes())))\n"
-    )
+def planner_copies() -> Iterator[Callable[..., tuple[int, str, str]]]:
+    """Runs scripts in copies of one process, where OMPL has drawn no numbers yet."""
     servers: list[ForkServer] = []
 
-    def answer_of(task: bytes) -> Any:
+    def run(folder: Path, script: str, *arguments: str) -> tuple[int, str, str]:
         if not servers:
             paths = (str(ROOT / name) for name in ("", "planners"))
             environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
             modules = ("ambinav_planners.flight", "ompl.geometric", "tests.kernels_at_hand")
             servers.append(ForkServer(environment, *modules))
+        return servers[0](folder, script, *arguments)
+
+    yield run
+    for server in servers:
+        server.close()
+
+
+@pytest.fixture(scope="session")
+def seeded_copies(
+    planner_copies: Callable[..., tuple[int, str, str]], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[bytes], Any]:
+    """Answers of seeded plans from such copies."""
+    script = (
+        "import pickle\nfrom pathlib import Path\nfrom ambinav_planners.seeded import _called\n"
+        "Path('answer').write_bytes(pickle.dumps(_called(Path('task').read_bytes())))\n"
+    )
+
+    def answer_of(task: bytes) -> Any:
         folder = tmp_path_factory.mktemp("seeded")
         (folder / "script.py").write_text(script)
         (folder / "task").write_bytes(task)
-        status, _, errors = servers[0](folder, "script.py")
+        status, _, errors = planner_copies(folder, "script.py")
         assert status == 0, errors
         return pickle.loads((folder / "answer").read_bytes())
 
-    yield answer_of
-    for server in servers:
-        server.close()
+    return answer_of
 
 
 @pytest.fixture

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +16,10 @@ from ambinav.runtime.errors import InputWarning
 
 @contextmanager
 def inline_drives() -> Iterator[None]:
-    """Start no process for one job: it would import for two seconds what is imported here."""
+    """Start no process for one job: it would import for two seconds what is imported here.
+
+    Several are copies of one that has imported it.
+    """
     from ambinav.studies.compare import exports, runs, workers
 
     in_workers = workers.in_workers
@@ -23,7 +28,10 @@ def inline_drives() -> Iterator[None]:
         setup: workers.Setup, function: Callable[..., Any], pieces: Sequence[Any], jobs: int
     ) -> Iterator[tuple[Any, Any]]:
         if jobs > 1:
-            yield from in_workers(setup, function, pieces, jobs)
+            forks = SimpleNamespace(get_context=lambda _: multiprocessing.get_context("forkserver"))
+            with pytest.MonkeyPatch.context() as several:
+                several.setattr(workers, "multiprocessing", forks)
+                yield from in_workers(setup, function, pieces, jobs)
             return
         for piece in pieces:
             with warnings.catch_warnings():

@@ -145,6 +145,8 @@ CASES = {
     "yaml a list": case(FROM_MAP, text("map.yaml", "- 1\n- 2\n"), "map.yaml"),
     "key missing": case(FROM_MAP, header(resolution=...), "map.yaml", "resolution", "missing"),
     "key of wrong type": case(FROM_MAP, header(origin="here"), "map.yaml", "origin", "'here'"),
+    "yaw in degrees": case(FROM_MAP, header(origin=[0.0, 0.0, 90.0]), "map.yaml", "origin",
+                           "radians, not 90 degrees"),
     "image of wrong type": case(FROM_MAP, header(image=5), "map.yaml", "image", "5"),
     "image missing": case(FROM_MAP, lambda f: (f / "map.pgm").unlink(), "map.yaml", "map.pgm"),
     "image truncated": case(FROM_MAP, text("map.pgm", pgm(cells())[:300]), "map.pgm"),

@@ -12,7 +12,7 @@ from ambinav.cli import app
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
-PLAN = ("plan", "map.zarr", *ENDS, "--time", "0.3")
+PLAN = ("plan", "map.zarr", *ENDS)
 
 
 @pytest.fixture
@@ -27,7 +27,10 @@ def files(folder: Path) -> set[str]:
 BAD = {
     "start in a wall": (["--start", "4", "0.9"], "start (4, 0.9) is in a wall"),
     "start outside": (["--start", "-9", "1"], "start (-9, 1) is outside of the map"),
-    "stop in a wall": (["--via", "2,1 4,0.9"], "via[1] (4, 0.9) is in a wall, 0.1 m deep; the"),
+    "stop in a wall": (
+        ["--via", "2,1 4,0.9"],
+        "--via: stop 2 (4, 0.9) is in a wall, 0.1 m deep; the",
+    ),
     "unused priced graph": (["--priced-graph", "g.geojson"], "--priced-graph is for --from-graph"),
     "graph and planner": (
         ["--from-graph", "g.geojson", "--planner", "reference"],
@@ -40,7 +43,10 @@ BAD = {
     "goal behind walls": (["--goal", "12", "1"], "goal (12, 1) is behind a wall"),
     "goal too near a wall": (["--goal", "10", "1.1"], "0.10 m from a wall, the footprint needs"),
     "start near unknown space": (["--start", "0.1", "1.5"], "0.10 m from unknown space"),
-    "start nan": (["--start", "nan", "1"], "start is (nan, 1.0, 0.0)"),
+    "start nan": (
+        ["--start", "nan", "1"],
+        "--start: 'nan 1' is not finite; give --start X Y in metres.",
+    ),
     "too wide": (["--robot-radius", "0.9"], "goal (10, 2) is 0.50 m from a wall, the"),
     "negative radius": (["--robot-radius", "-0.2"], "--robot-radius: -0.2"),
     "negative weight": (["--weight", "-1"], "--weight: -1"),
@@ -68,7 +74,10 @@ BAD = {
     "time nan": (["--time", "nan"], "--time: nan"),
     "iterations 0": (["--iterations", "0"], "--iterations: 0"),
     "seed negative": (["--seed", "-1"], "--seed: -1"),
-    "unknown space": (["--space", "r4"], "space is 'r4'"),
+    "unknown space": (
+        ["--space", "r4"],
+        "--space is 'r4'; choose from r2, se2, dubins, reeds-shepp, r3.",
+    ),
     "no turning radius": (["--space", "dubins"], "--turning-radius: 0"),
     "unused std": (["--max-std", "0.5"], "--max-std is for the planners belief"),
     "unused start": (["--start-std", "0.5"], "--start-std is for the planners belief"),
@@ -108,7 +117,36 @@ BAD = {
         "--bad-level: -1 is not zero or above",
     ),
     "bad footprint": (["--footprint", "0.3,0.2 x"], "--footprint: 'x' is not a point"),
-    "footprint of two": (["--footprint", "0,0 1,1"], "give at least three"),
+    "footprint of two": (["--footprint", "0,0 1,1"], "--footprint: 2 corners make no polygon"),
+    "huge turn": (
+        ["--space", "dubins", "--turning-radius", "1e9"],
+        "--turning-radius is 1e+09 m, far more than the building",
+    ),
+    "negative std": (["--planner", "belief", "--max-std", "-1"], "--max-std: -1 is not above zero"),
+    "start too unsure": (
+        ["--planner", "belief-roadmap", "--max-std", "0.001"],
+        "--max-std: 0.001 m is less than the deviation at the start, 0.1 m; give more",
+    ),
+    "seed of no use": (
+        ["--planner", "reference", "--seed", "1"],
+        "--seed has no effect on the planner reference, which is not random and searches to the "
+        "end; leave it out.",
+    ),
+    "time of no use": (["-p", "reference", "--time", "2"], "--time has no effect on the planner r"),
+    "iterations of no use": (["-p", "belief", "--iterations", "9"], "no effect on the planner b"),
+    "improving of no use": (["-p", "belief", "--no-improve"], "--no-improve has no effect"),
+    "iterations on lanes": (
+        ["--one-way", "l.geojson", "--iterations", "9"],
+        "--iterations has no effect on --one-way: lanes are for the planner reference, which is",
+    ),
+    "seed on a graph": (["--from-graph", "g", "--seed", "1"], "--seed has no effect on --from-gr"),
+    "time on a graph": (["--from-graph", "g", "--time", "9"], "--time has no effect on --from-gr"),
+    "iterations on a graph": (["--from-graph", "g", "--iterations", "9"], "--iterations has no"),
+    "improving on a graph": (["--from-graph", "g", "--no-improve"], "whose routes keep to its e"),
+    "weight of a front": (
+        ["--pareto", "--weight", "7", "--weights", "0 5"],
+        "--weight is for a single route, and --pareto plans for --weights; leave it out.",
+    ),
     "bad suffix": (["-o", "route.txt"], "--output: route.txt ends in '.txt'"),
     "no suffix": (["-o", "route"], "--output: route ends in 'nothing'"),
     "bad picture": (["--picture", "r.bmp"], "--picture: r.bmp ends in '.bmp'"),

@@ -87,8 +87,9 @@ def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     text = DEMO_DRIVES.read_text(encoding="utf-8")
     for long, short in (
         ("environment: demo.geojson", f"environment: {DEMO_BUILDING}"),
-        ("spacing: 0.1", "spacing: 0.3"),
-        ("iterations: 2000", "iterations: 500"),
+        ("scanner: hokuyo-urg-04lx", "scanner: turtlebot3-lds"),
+        ("spacing: 0.1", "spacing: 0.4"),
+        ("iterations: 2000", "iterations: 300"),
         ("runs: 20", "runs: 2"),
         ("  - {name: across the hall, start: [2, 19], goal: [38, 24.5]}\n", ""),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from ambinav.cli.planned import LostFigures
 from ambinav.drive.bootstrap import Interval
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.reliability import bin_at
 from ambinav.routes.files import load_route
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
@@ -79,6 +81,13 @@ def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     assert document["lost_probability"] == document["curve"][-1]["lost"] > 0.2
     assert document["causes"][0]["kind"] == "open floor"
     assert document["odometry"] == "poor"
+    measured = bin_at(LocalizerClass.load("product").reliability, document["lost_probability"])
+    assert document["lost_probability_reliability"] == asdict(measured)
+    assert measured.sentence in text
+    wide = json.loads(
+        CliRunner().invoke(app, [*command[:5], "--position-limit", "1", "--json"]).stdout
+    )
+    assert wide["lost_probability_reliability"] is None
     assert document["text"].startswith(text[: text.index(" robots get")])
     assert document["causes"][0]["end_m"] <= document["curve"][-1]["distance_m"]
 
@@ -101,6 +110,11 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
     assert chosen["lost_probability"] < shortest["lost_probability"]
     assert chosen["driven"]["lost"] <= 0.05 * chosen["driven"]["runs"]
     assert chosen["driven"]["threshold"] == 0.05
+    for figures in (chosen, shortest):
+        measured = figures["lost_probability_reliability"]
+        forecast = figures["lost_probability"]
+        assert measured["forecast_low"] <= forecast <= measured["forecast_high"]
+        assert measured["lost_low"] <= measured["lost"] <= measured["lost_high"]
     assert shortest["driven"]["lost"] > 0.05 * shortest["driven"]["runs"]
     assert chosen["length_m"] > shortest["length_m"]
     assert load_route(folder / "safe.csv").length == pytest.approx(chosen["length_m"])
@@ -127,6 +141,10 @@ def test_a_route_is_verified_by_drives(folder: Path) -> None:
 @pytest.mark.slow
 def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--pareto", "--weights", "0 8", "-o", "front"]
+    printed = CliRunner().invoke(app, [*command, "--odometry", "poor", "--json"]).stdout
+    for point in json.loads(printed)["points"]:
+        measured = point["lost_probability_reliability"]
+        assert measured["forecast_low"] <= point["lost_probability"] <= measured["forecast_high"]
     result = CliRunner().invoke(app, [*command, "--odometry", "poor"])
     assert result.exit_code == 0, result.output
     assert " forecast " in result.stdout.splitlines()[0]
@@ -173,8 +191,7 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
 def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     folder: Path, odometry: list[str], start: list[str], std: float
 ) -> None:
-    budget = ["--planner", "belief", "--seed", "3", "--time", "60", "--iterations", "150"]
-    belief = [*budget, *start, "--verify", "0.5"]
+    belief = ["--planner", "belief", "--seed", "3", *start, "--verify", "0.5"]
     words = ["plan", "map.zarr", *ENDS, "-o", "new.csv", *belief, *odometry, "--json"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code in (0, 3), result.output
@@ -185,9 +202,7 @@ def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     assert figures["lost_probability"] == pytest.approx(known.lost_probability, abs=1e-6)
     model = BeliefModel(start_std=(std, std, 0.05))
     planner = RoutePlanner(an.AmbiguityService(amap), belief=model, odometry=noise)
-    again = planner.plan(
-        (9, 21), (28, 17), planner_name="belief", seed=3, seconds=60.0, iterations=150
-    )
+    again = planner.plan((9, 21), (28, 17), planner_name="belief", seed=3)
     np.testing.assert_array_equal(again.poses, route.poses)
 
 

@@ -10,11 +10,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from ambinav.cli import app
+from ambinav.cli import app, robot_options
 from ambinav.cli.checks import naming_options
 from ambinav.cli.limits import Count, Natural, above_zero, not_negative
 from ambinav.cli.options import documented
 from ambinav.runtime.errors import InputError
+from ambinav_planners.planning import NotFoundError
+from ambinav_planners.registry import SPACES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,12 +183,31 @@ def test_every_option_says_what_it_is_for(command: Any) -> None:
         ("floor/map.yaml: it has no image.", "floor/map.yaml: it has no image."),
         ("up-and-down.yaml: it has no image.", "up-and-down.yaml: it has no image."),
         ("from (3, 4): in a wall.", "--start: from (3, 4): in a wall."),
+        ("via[0] (3, 4) is in a wall.", "--via: stop 1 (3, 4) is in a wall."),
+        ("via has 31 stops.", "--via has 31 stops."),
+        ("floor[0] is 3.", "floor[0] is 3."),
     ],
 )
 def test_only_parameters_become_options(message: str, said: str) -> None:
     with (
         pytest.raises(InputError) as caught,
-        naming_options("floor", "up", "robot_radius", **{"from": "--start: from"}),
+        naming_options(
+            "floor",
+            "up",
+            "robot_radius",
+            via=lambda k: f"--via: stop {k + 1}",
+            **{"from": "--start: from"},
+        ),  # fmt: skip
     ):
         raise InputError(message)
     assert str(caught.value) == said
+
+
+def test_errors_with_more_than_a_message_keep_it() -> None:
+    with pytest.raises(NotFoundError) as caught, naming_options("planner"):
+        raise NotFoundError("planner 'fmt' found no path.", 3.0)
+    assert (str(caught.value), caught.value.bound) == ("planner 'fmt' found no path.", 3.0)
+
+
+def test_the_spaces_of_routes() -> None:
+    assert (*SPACES, robot_options.FLIGHT) == robot_options.SPACES

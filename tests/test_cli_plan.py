@@ -21,8 +21,8 @@ from ambinav.routes.files import load_route
 from ambinav_planners import planners
 
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
-PLAN = ("plan", "map.zarr", *ENDS, "--time", "0.3")
-NO_PATH = ("plan", "map.zarr", "--start", "1", "1", "--goal", "14", "1", "--time", "0.2")
+PLAN = ("plan", "map.zarr", *ENDS)
+NO_PATH = ("plan", "map.zarr", "--start", "1", "1", "--goal", "14", "1")
 
 
 @pytest.fixture
@@ -328,7 +328,12 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
         (["--via", "3,1", "--pareto"], "--via is for a single route, and --pareto shows many"),
         (["--via", "3,1", "--max-lost", "0.1"], "--via is not for --max-lost"),
         (["--or-goal", "3,1", "--space", "se2"], "--or-goal has no headings"),
-        (["--via", "2,1 90,90"], "via[1] (90, 90) is outside of the map"),
+        (["--via", "2,1 90,90"], "--via: stop 2 (90, 90) is outside of the map"),
+        (["--via", "2,1 nan,2"], "--via: 'nan,2' is not a point; give x,y in metres, and blanks"),
+        (["--or-goal", "2,1 90,90"], "--or-goal: goal 2 (90, 90) is outside of the map"),
+        (["--or-goal", "2,1", "--goal", "90", "90"], "--goal (90, 90) is outside of the map"),
+        (["--start", "90", "90"], "--start (90, 90) is outside of the map"),
+        (["--goal", "inf", "90"], "--goal: 'inf 90' is not finite; give --goal X Y in metres."),
         (["--bad-level", "0.3"], "--bad-level is for --max-bad-metres; leave it out"),
         (["--comfort", "0.3"], "--comfort is for --clearance-weight; leave it out"),
         (["--robot-radius", "-1"], "--robot-radius: -1 is not zero or above"),

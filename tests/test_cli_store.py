@@ -50,6 +50,9 @@ def test_map_and_audit_share_what_they_compute(folder, computes) -> None:
     stderr = run(*AUDIT, "--save-map", "other.zarr").stderr
     assert stderr.count("note: the map of plan for rplidar-a1 is opened from the store (") == 1
     assert AmbiguityMap.open("other.zarr").dataset.identical(first)
+    (folder / "again.geojson").write_text(json.dumps(PLAN))  # the map is kept under another name
+    stderr = run("map", "again.geojson", *MAP[2:]).stderr
+    assert "note: the map of again for rplidar-a1 is opened from the store (" in stderr
     result = run(*MAP, "--json")
     assert "opened from the store" in result.stderr and json.loads(result.stdout)["cells"] > 0
     assert len(computes) == 1

@@ -131,7 +131,15 @@ def test_what_the_image_compiles_leaves_nothing_to_compile(
     """By the names of the machine code that is read or written: what the tests share is used."""
     run = next(rest for name, rest in instructions() if name == "RUN" and WARM in rest)
     # Processes for plans and edits import it again.
-    guarded = "from ambinav.cli import main\nif __name__ == '__main__':\n    main()\n"
+    guarded = (
+        "from pathlib import Path\n"
+        "from matplotlib.figure import Figure\n"
+        "from ambinav.cli import main\n"
+        # Pictures take half of the time, and compile nothing.
+        "Figure.savefig = lambda self, path, **options: Path(path).write_bytes(b'')\n"
+        "if __name__ == '__main__':\n"
+        "    main()\n"
+    )
     (tmp_path / "call.py").write_text(guarded)
 
     def code(*words: str) -> set[str]:
@@ -148,7 +156,10 @@ def test_what_the_image_compiles_leaves_nothing_to_compile(
     ).stdout  # fmt: skip
     arguments = [call.split("\t")[:-1] for call in calls.splitlines()]
     assert [words[0] for words in arguments] == ["audit", "plan", "serve"]
-    compiled = set().union(*(code(*words) for words in arguments))
+    # Less than what the image runs, so that what suffices here does so there too. That a map can be
+    # served is seen in tests/server.
+    audited, planned, _ = arguments
+    compiled = code(*audited, "--no-advice") | code(*planned)
     building = str(ROOT / "ambinav" / "demo" / "demo.geojson")
     audit = code(
         "audit", building, "-s", "rplidar-a1", "--spacing", "0.5", "--no-advice", "-o", "report"

@@ -28,6 +28,10 @@ scanner = an.RangeScanner.planar(
 amap = an.build_map(env, scanner, spacing=0.4)
 x, y = 3.0, 3.0
 """
+PLACES = """
+from pathlib import Path
+Path("places.yaml").write_text("places: {dock: [19.3, 21.7], hall: [9, 21]}")
+"""
 COMPARED = """
 import dataclasses
 from ambinav.drive.metrics import Metrics
@@ -102,7 +106,7 @@ PAGES = (
     Page("docs/howto/train-in-processes.md"),
     Page("docs/howto/what-would-help.md"),
     Page("docs/howto/which-scanner.md"),
-    Page("docs/audit.md", DEMO),
+    Page("docs/audit.md", DEMO + PLACES),
     Page("docs/compare.md", DEMO + COMPARED),
     Page(
         "docs/environments.md",

@@ -19,7 +19,7 @@ from ambinav.ambiguity.batch import (
 )
 from ambinav.ambiguity.gaussian import F0, F1, FAST, S, T, U, aligned
 from ambinav.ambiguity.returns import BeamTable, Returns
-from ambinav.runtime.array_types import Floats, Floats32, UInts
+from ambinav.runtime.array_types import Floats, Floats32, Ints, UInts
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES, lane, lanes, load, root, store, totals, where, wide
 from ambinav.runtime.threads import run_rows
@@ -109,8 +109,7 @@ def turn_cells(order: int) -> Floats:
 
 def turning_moments(
     returns: Returns,
-    begin: int,
-    end: int,
+    poses: Ints,
     beams: UInts,
     table: BeamTable,
     evidence: Floats32 | None,
@@ -121,8 +120,7 @@ def turning_moments(
 
     Args:
         returns: What the beams return.
-        begin: First pose, a row of `returns`.
-        end: One past the last pose.
+        poses: Which, rows of `returns`, int64, shape (M,).
         beams: See `turns`.
         table: Their limits and caps.
         evidence: See `neighbourhood_sums`.
@@ -131,14 +129,14 @@ def turning_moments(
             a cell represents every pose in it and in its neighbours.
 
     Returns:
-        float64, shape (end - begin, 2): the root of the second moment, and what it would be if
+        float64, shape (M, 2): the root of the second moment, and what it would be if
         every turn looked alike.
     """
     cells = turn_cells(len(beams))
-    out = np.empty((end - begin, 2))
+    out = np.empty((len(poses), 2))
     out[:, 1] = math.sqrt(np.average(cells[:, 1] ** 2 + cells[:, 2], weights=cells[:, 3]))
     run_rows(
-        _turning, end - begin, returns.data, begin, table.turned(beams), cells, table.limit,
+        _turning, len(poses), returns.data, poses, table.turned(beams), cells, table.limit,
         table.inverse_cap, evidence, tau, spacing**2, table.beams / tau, out, least=LANES,
     )  # fmt: skip
     return out
@@ -227,14 +225,14 @@ def turning_moment(
 
 
 @kernel
-def _turning(low, high, data, begin, beams, cells, limit, icap, evidence, tau, c0, part, out):
+def _turning(low, high, data, poses, beams, cells, limit, icap, evidence, tau, c0, part, out):
     arrays = batch_arrays(limit.size)
     wide_spread = aligned(limit.size * LANES)
     scans = np.empty(LANES, dtype=np.int64)
     moments = np.empty((1, LANES))
     for block in range(low, high, LANES):
         for j in range(LANES):
-            scans[j] = begin + min(block + j, high - 1)
+            scans[j] = poses[min(block + j, high - 1)]
         lay_batch(data, scans, limit, arrays[0], arrays[1])
         turning_moment(
             beams, cells, wide_spread, limit, icap, evidence, tau, c0, part, arrays, moments

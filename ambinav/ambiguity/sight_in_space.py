@@ -14,6 +14,8 @@ from ambinav.sensing.rays import RayTable
 
 # Rays at a time.
 RAYS_AT_ONCE: Final = 4_000_000
+# One in so many rays is looked along before all others.
+FEW: Final = 8
 
 
 def sees_in_space(
@@ -44,25 +46,46 @@ def sees_in_space(
     if not len(faces.kind):
         return seen
     table = np.column_stack([rays.angle, rays.origin, rays.height + floor, rays.elevation])
+    few = np.arange(len(table)) % FEW == 0
+    for theta in headings.tolist():
+        # Most poses that see a face do so with many rays.
+        for part in (few, ~few):
+            _look(prisms, faces, x, y, theta, table[part], reach[part], seen)
+    return seen
+
+
+def _look(
+    prisms: Prisms,
+    faces: AddedWalls,
+    x: Floats,
+    y: Floats,
+    theta: float,
+    table: Floats,
+    reach: Floats,
+    seen: Bools,
+) -> None:
+    """Ask the poses that see no face yet about some rays, (R, 5), as `AddedWalls.shorten` has them.
+
+    Written: `seen`, shape (N,).
+    """
+    if not len(table):
+        return
     step = max(RAYS_AT_ONCE // len(table), 1)
     none = np.empty((0, 0), dtype=np.float32)
-    for theta in headings.tolist():
-        rows = np.flatnonzero(~seen)
-        for low in range(0, len(rows), step):
-            part = rows[low : low + step]
-            nearest = np.tile(reach.astype(np.float32), (len(part), 1))
-            face = np.full(nearest.shape, -1, dtype=np.int32)
-            far = float(reach.max())
-            faces.shorten(x[part], y[part], theta, table, far, 0, (nearest, face, none))
-            pose, ray = np.nonzero(face >= 0)
-            origin = _placed(x[part[pose]], y[part[pose]], theta, table[ray])
-            for turn in (0.0, -GRAZE, GRAZE):
-                left = ~seen[part[pose]]
-                pose, ray, origin = pose[left], ray[left], origin[left]
-                look = _directions(theta + turn, table[ray])
-                distance, _ = prisms.cast(origin, look, far)
-                seen[part[pose[distance >= nearest[pose, ray] - HIDDEN]]] = True
-    return seen
+    rows, far = np.flatnonzero(~seen), float(reach.max())
+    for low in range(0, len(rows), step):
+        part = rows[low : low + step]
+        nearest = np.tile(reach.astype(np.float32), (len(part), 1))
+        face = np.full(nearest.shape, -1, dtype=np.int32)
+        faces.shorten(x[part], y[part], theta, table, far, 0, (nearest, face, none))
+        pose, ray = np.nonzero(face >= 0)
+        origin = _placed(x[part[pose]], y[part[pose]], theta, table[ray])
+        for turn in (0.0, -GRAZE, GRAZE):
+            left = ~seen[part[pose]]
+            pose, ray, origin = pose[left], ray[left], origin[left]
+            look = _directions(theta + turn, table[ray])
+            distance, _ = prisms.cast(origin, look, far)
+            seen[part[pose[distance >= nearest[pose, ray] - HIDDEN]]] = True
 
 
 def _placed(x: Floats, y: Floats, theta: float, rays: Floats) -> Floats:

@@ -91,7 +91,7 @@ def environment_from_grid(
     if len(contours.component) == 0:
         raise InputError(
             f"{grid.source or name}: no piece of free space has {min_area:g} m^2 once gaps of "
-            f"{gap:g} m are closed; check resolution {cell:g}, or lower gap."
+            f"{gap:g} m are closed; check resolution {cell:g} and the thresholds of the map."
         )
     notes = []
     while True:

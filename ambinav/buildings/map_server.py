@@ -140,6 +140,8 @@ def _origin(path: Path, value: object) -> tuple[float, float, float]:
     x, y, yaw = (_number(path, f"origin[{i}]", item) for i, item in enumerate(value))
     if max(abs(x), abs(y)) > FURTHEST:
         raise _wrong(path, "origin", value, f"within {FURTHEST:g} m of 0")
+    if abs(yaw) > math.tau + 1e-6:
+        raise _wrong(path, "origin", value, f"a yaw of at most 2 pi: radians, not {yaw:g} degrees")
     return x, y, yaw
 
 

@@ -122,11 +122,13 @@ def _read_ifc(
     in_space: bool = False,
 ) -> Environment:
     _need(path, "ifcopenshell")
-    from ambinav.buildings.ifc.file import load_ifc
+    from ambinav.buildings.ifc.file import read_storey
     from ambinav.buildings.ifc.space import load_ifc_in_space
 
-    load = load_ifc_in_space if in_space else load_ifc
-    return load(path, level=level, height=height, doors=doors, glass=glass, furniture=furniture)
+    how: dict[str, Any] = {"height": height, "doors": doors, "glass": glass, "furniture": furniture}
+    if in_space:
+        return load_ifc_in_space(path, level, **how)
+    return read_storey(path, level, **how).environment
 
 
 def _read_dxf(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -12,6 +13,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
+from ambinav.cli.forecast_options import LocalizerOptions
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
@@ -26,9 +28,11 @@ if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.reports.conditions import Condition
+    from ambinav.routes.trips import Trip
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.studies.audit.document import Document
     from ambinav.studies.audit.drawing import Draw
+    from ambinav.studies.audit.lost_routes import LostRoutes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +88,47 @@ class ReportOptions:
                 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class TripOptions(LocalizerOptions):
+    """Options on the routes that are forecast, and on the robot that drives them.
+
+    Attributes:
+        trips (FILE): Named places and trips between them that are forecast (.yaml: places, trips).
+            [default: 40 pairs of places, drawn from the floor]
+    """
+
+    trips: Path | None = None
+
+    def read(self) -> tuple[Trip, ...]:
+        """Check the names and read the trips, before any work; () without a file.
+
+        Raises:
+            InputError: a value or the file cannot be used.
+        """
+        from ambinav.routes.trips import read_trips
+
+        self.check()
+        return () if self.trips is None else read_trips(self.trips)
+
+    def forecaster(
+        self, trips: tuple[Trip, ...], environment: Environment, reach: Reach
+    ) -> Callable[[AmbiguityMap], LostRoutes]:
+        """Find the routes of the trips; return what forecasts them, or sampled ones, on a map.
+
+        Raises:
+            InputError: a place is inside a wall or outside of the building, or no route leads to
+                it.
+        """
+        from ambinav.routes.trip_routes import trip_routes
+        from ambinav.studies.audit.lost_routes import find_lost_routes
+
+        routes = trip_routes(environment, reach, trips, str(self.trips)) if trips else ()
+        return partial(
+            find_lost_routes, environment=environment, reach=reach, trips=trips, routes=routes,
+            **self.names,
+        )  # fmt: skip
+
+
 @options.documented
 def audit(
     map_file: options.MapFile,
@@ -94,6 +139,7 @@ def audit(
     space: SpaceOptions,
     robot: ReachOptions,
     report_options: ReportOptions,
+    forecasts: TripOptions,
     gate: AuditGate,
     beacons: BeaconOptions,
     as_json: options.AsJson = False,
@@ -107,6 +153,9 @@ def audit(
     Writes report.html (self-contained), report.md, report.json and the pictures.
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
+
+    With trips that robots make: `ambinav audit office.yaml -s turtlebot3-lds -o out --trips
+    places.yaml --odometry poor --localizer amcl`
 
     Parameters:
         output (DIR): Folder for the report; an earlier report there is replaced.
@@ -123,13 +172,15 @@ def audit(
             report_options, aliasing=gate.aliasing(conditions, report_options.aliasing)
         )
         report_options.check(output)
+        trips = forecasts.read()
         environment, chosen = map_options.load(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         beacons.check_suited(environment, chosen)
 
-        # Before the long work, so that a start inside a wall is refused at once.
+        # Before the long work, so that a start or a place inside a wall is refused at once.
         reach = robot.reach(environment, chosen)
+        find_lost = forecasts.forecaster(trips, environment, reach)
         draw = stack.enter_context(drawing())
         with one_bar(
             as_json or quiet, _stages(map_options, environment, chosen, report_options)
@@ -137,8 +188,9 @@ def audit(
             built = map_options.build(environment, chosen, stage("ambiguity"))
             amap = beacons.add(built, environment).for_robot(reach)
             report = _examine(
-                amap, environment, chosen, reach, report_options, output, conditions, stage, draw
-            )
+                amap, environment, chosen, reach, find_lost, report_options, output, conditions,
+                stage, draw,
+            )  # fmt: skip
         finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
         if report_options.keep is not None and not (as_json or quiet):
             typer.echo(f"map: {report_options.keep}")
@@ -150,6 +202,7 @@ def _examine(
     environment: Environment,
     scanner: RangeScanner,
     reach: Reach,
+    find_lost: Callable[[AmbiguityMap], LostRoutes],
     report_options: ReportOptions,
     output: Path,
     conditions: tuple[Condition, ...],
@@ -162,7 +215,6 @@ def _examine(
     from ambinav.studies.audit.audit import Audit
     from ambinav.studies.audit.audit import audit as examine
     from ambinav.studies.audit.gate_check import GateCheck
-    from ambinav.studies.audit.lost_routes import find_lost_routes
     from ambinav.studies.audit.report import write_audit
 
     aliasing = None
@@ -177,7 +229,7 @@ def _examine(
 
     def forecast(result: Audit) -> Audit:
         try:
-            result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
+            result = replace(result, lost=find_lost(result.amap))
         except InputError as error:
             note(f"the audit has no forecasts of routes: {error}")
         forecasting(1.0)
@@ -212,13 +264,8 @@ def _stages(
     report_options: ReportOptions,
 ) -> dict[str, float]:
     """Return the steps of an audit with their approximate durations, seconds."""
-    from ambinav.map_building.estimate import estimate
-
-    needs = estimate(
-        environment, scanner, map_options.spacing, map_options.radius, map_options.headings
-    )
     return {
-        "ambiguity": needs.seconds,
+        "ambiguity": map_options.estimate(environment, scanner).seconds,
         "aliasing": 0.0 if report_options.aliasing is False else 0.5,
         "pictures": 0.5 + 0.25 * report_options.places,
         "routes": 1.5,
@@ -233,11 +280,16 @@ def _show(report: Document) -> None:
     from ambinav.reports.number_text import metres2, percent
 
     floor = report.floor
-    rows = [(zone.zone, metres2(zone.area_m2), percent(zone.share), "") for zone in report.zones]
+
+    def share_of(share: float) -> str:
+        """Format a share of the floor that counts."""
+        return percent(share if floor.counted_area_m2 else None)
+
+    rows = [(zone.zone, metres2(zone.area_m2), share_of(zone.share), "") for zone in report.zones]
     rows += [
         (label, metres2(area), of_counted, percent(of_free))
         for label, area, of_counted, of_free in (
-            ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
+            ("explored, reachable", floor.counted_area_m2, share_of(1.0), floor.counted_share),
             ("unexplored", floor.unexplored_area_m2, "", floor.unexplored_share),
             (
                 unreachable_label(floor.robot_radius_m),
@@ -315,15 +367,17 @@ def _show_places(report: Document) -> None:
 
 def _show_lost(report: Document) -> None:
     from ambinav.reports.number_text import percent
+    from ambinav.studies.audit.lost_routes import MEASURED
 
     if report.lost is None:
         return
     rows = (
         (
-            "{:.1f}, {:.1f} m".format(*route.start_m),
-            "{:.1f}, {:.1f} m".format(*route.goal_m),
+            route.start_text,
+            route.goal_text,
             f"{route.length_m:.1f} m",
             percent(route.lost_probability),
+            route.measured_text,
             "" if route.x_m is None else f"{route.x_m:.1f}, {route.y_m:.1f} m",
             route.kind or "",
         )
@@ -331,8 +385,8 @@ def _show_lost(report: Document) -> None:
     )
     show("", report.lost.text)
     if report.lost.routes:
-        columns = "from x, y", "to x, y", "length", "lost", "mostly near", "error"
-        show("", table(columns, rows, left=("error",)))
+        columns = "from x, y", "to x, y", "length", "lost", "measured", "mostly near", "error"
+        show("", table(columns, rows, left=("error",)), MEASURED)
 
 
 def _show_aliasing(report: Document) -> None:

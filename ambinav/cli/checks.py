@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,22 +24,29 @@ def option_name(name: str) -> str:
 
 
 @contextlib.contextmanager
-def naming_options(*names: str, **options: str) -> Iterator[None]:
+def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterator[None]:
     """Replace a parameter's name at the start of a message by that of its option.
+
+    Errors with a type of their own are left as they are: callers look at more than the message.
 
     Args:
         names: Parameters whose options have their names.
-        options: Other options, by their parameters.
+        options: Other options, by their parameters; of one that is a sequence a function from an
+            index to what its item is called, which is used for the items alone.
     """
     known = {name: option_name(name) for name in names} | options
     try:
         yield
     except InputError as error:
-        match = re.match(r"(\w+)(?=:? )", str(error))
-        name = "" if match is None else match[1]
-        if name not in known:
+        match = re.match(r"(\w+)(?:\[(\d+)\])?(?=:? )", str(error))
+        if match is None or match[1] not in known or type(error) is not InputError:
             raise
-        raise InputError(known[name] + str(error).removeprefix(name)) from error
+        option, item = known[match[1]], match[2]
+        if callable(option):
+            option = option_name(match[1]) if item is None else option(int(item))
+        elif item is not None:
+            raise
+        raise InputError(option + str(error)[match.end() :]) from error
 
 
 def check_planar(scanner: RangeScanner, what: str) -> None:
@@ -121,16 +129,18 @@ def points_of(text: str, option: str, example: str) -> list[Point]:
         example: Shown there.
 
     Raises:
-        InputError: a point is not two numbers, or there is none.
+        InputError: a point is not two finite numbers, or there is none.
     """
     points = []
     for part in text.split() or [text]:
         try:
             x, y = (float(number) for number in part.split(","))
         except ValueError:
+            x = y = math.nan
+        if not (math.isfinite(x) and math.isfinite(y)):
             raise InputError(
                 f"{option}: {part!r} is not a point; give x,y in metres, and blanks between "
                 f"points, e.g. {example}."
-            ) from None
+            )
         points.append((x, y))
     return points

@@ -24,10 +24,10 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from ambinav.routes.trips import Trip
     from ambinav.studies.design.requirement.costs import Allowed, Costs
     from ambinav.studies.design.requirement.document import Document
     from ambinav.studies.design.requirement.requirement import Requirement
-    from ambinav.studies.design.requirement.trips import Trip
 
 FOR_LOST = 'is for a requirement on lost robots, such as "lost < 5 %"'
 
@@ -76,9 +76,9 @@ class RequirementOptions:
         Raises:
             InputError: a value, a file or a combination of options cannot be used.
         """
+        from ambinav.routes.trips import EXAMPLE, read_trips
         from ambinav.studies.design.requirement.costs import Allowed, read_costs
         from ambinav.studies.design.requirement.requirement import Requirement
-        from ambinav.studies.design.requirement.trips import EXAMPLE, read_trips
 
         if required is None and self.budget is None:
             raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -167,7 +168,7 @@ def scanners(
                 costs=table_of_costs,
                 height=space.height,
                 store=options.store_of(
-                    map_options.no_store, _Announcement(map_options, environment, known)
+                    map_options.no_store, _announcement(map_options, environment, known)
                 ),
                 progress=bars(f"{len(known)} scanners"),
             )
@@ -214,39 +215,23 @@ def _without_third_dimension(
     return tuple(scanner for scanner in known if scanner.name not in left_out)
 
 
-class _Announcement:
-    """Announcement of the total duration before the first map, if it is long."""
+def _announcement(
+    map_options: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
+) -> Callable[[], None]:
+    """Return a function that announces the total duration, if it is long, once."""
 
-    def __init__(
-        self, map_options: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
-    ) -> None:
-        self._map_options, self._environment, self._scanners = map_options, environment, scanners
-        self._said = False
-
-    def __call__(self) -> None:
-        if self._said:
-            return
-        self._said = True
-        from ambinav.map_building.estimate import estimate
-
-        map_options = self._map_options
+    @cache
+    def announce() -> None:
         if not 0.0 < map_options.spacing <= map_options.radius:
             return  # which `build_map` refuses
-        seconds = sum(
-            estimate(
-                self._environment,
-                scanner,
-                map_options.spacing,
-                map_options.radius,
-                map_options.headings,
-            ).seconds
-            for scanner in self._scanners
-        )
+        seconds = sum(map_options.estimate(environment, scanner).seconds for scanner in scanners)
         if seconds >= LONG_SECONDS:
             note(
-                f"{len(self._scanners)} maps take about {max(seconds / 60.0, 1.0):.0f} minutes, "
+                f"{len(scanners)} maps take about {max(seconds / 60.0, 1.0):.0f} minutes, "
                 "minus those that the store already has; a wider --spacing takes less."
             )
+
+    return announce
 
 
 def _show(report: Document) -> None:

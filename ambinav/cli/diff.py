@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -147,7 +146,7 @@ def _as_made(place: str, map_options: MapOptions) -> MapOptions:
     """
     from ambinav.maps.ambiguity_map import AmbiguityMap
 
-    made = json.loads(AmbiguityMap.open(place).dataset.attrs["parameters"])
+    made = AmbiguityMap.open(place).parameters
     own = {
         field.name: made[field.name]
         for field in fields(map_options)

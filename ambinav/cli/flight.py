@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conflict, option_name
+from ambinav.cli.checks import (
+    check_picture,
+    check_replaced,
+    check_suffix,
+    conflict,
+    naming_options,
+    option_name,
+)
 from ambinav.cli.limits import above_zero
 from ambinav.cli.plan_options import AUTO, CostOptions, ResultOptions, SearchOptions
 from ambinav.cli.printing import show, table
@@ -31,16 +39,18 @@ def position(name: str, text: str, in_space: bool) -> tuple[float, ...]:
     """Return the coordinates of --start or --goal.
 
     Raises:
-        InputError: they are not two numbers, or in space three.
+        InputError: they are not two finite numbers, or in space three.
     """
     count, axes = (3, "X Y Z") if in_space else (2, "X Y")
     try:
         numbers = tuple(float(part) for part in text.split())
     except ValueError:
         numbers = ()
-    if len(numbers) == count:
-        return numbers
     remedy = f"give {name} {axes} in metres"
+    if len(numbers) == count:
+        if all(map(math.isfinite, numbers)):
+            return numbers
+        raise InputError(f"{name}: {text!r} is not finite; {remedy}.")
     if len(numbers) in (2, 3):
         remedy += ", as for --space r3" if in_space else "; three are for --space r3"
     raise InputError(f"{name}: {text!r} is not {count} numbers; {remedy}.")
@@ -55,6 +65,7 @@ def plan_flight(
     robot: RobotOptions,
     result: ResultOptions,
     others: tuple[Any, ...],
+    trust: bool,
     as_json: bool,
 ) -> None:
     """Plan a route through space, write it, draw it and print its figures.
@@ -68,17 +79,21 @@ def plan_flight(
         robot: Size of the sphere or cylinder.
         result: Picture.
         others: Groups of options none of which applies in space.
+        trust: Does not apply either.
         as_json: Print JSON.
 
     Raises:
         InputError: an option does not apply in space, or something cannot be used.
     """
-    for group in (search, cost, robot, result, *others):
-        for field in fields(group):
-            given = field.name not in ALLOWED and getattr(group, field.name) != field.default
-            conflict(
-                option_name(field.name), given, "is for robots on the floor, not for --space r3"
-            )
+    groups = (search, cost, robot, result, *others)
+    given = [
+        option_name(field.name)
+        for group in groups
+        for field in fields(group)
+        if field.name not in ALLOWED and getattr(group, field.name) != field.default
+    ]
+    for option in (*given, *(["--trust"] if trust else [])):
+        conflict(option, True, "is for robots on the floor, not for --space r3")
     search.check()
     cost.check(search)
     above_zero("0.2").check(robot.robot_radius, "--robot-radius")
@@ -93,11 +108,21 @@ def plan_flight(
     from ambinav_planners import FlightPlanner, certify
 
     volume = AmbiguityVolume.open(map_file)
-    service = VolumeService(volume, cost.layer, cost.weight)
     # Of the four the cheapest routes in 5 s, in an office, a flat and a house.
     name = "informed-rrtstar" if search.planner == AUTO else search.planner
-    planner = FlightPlanner(service, radius=robot.robot_radius, half_height=robot.half_height)
-    route = planner.plan(*ends, **{**search.arguments, "planner_name": name})
+    with naming_options(
+        "layer",
+        "weight",
+        "half_height",
+        "planner",
+        "start",
+        "goal",
+        "seed",
+        radius="--robot-radius",
+    ):
+        service = VolumeService(volume, cost.layer, cost.weight)
+        planner = FlightPlanner(service, radius=robot.robot_radius, half_height=robot.half_height)
+        route = planner.plan(*ends, **{**search.arguments, "planner_name": name})
     if result.picture is not None:
         route.draw(result.picture)
     route.save(output)

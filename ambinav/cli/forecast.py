@@ -61,6 +61,10 @@ def forecast(
             typer.echo(json.dumps(document | more, indent=2))
             return
         show(result.sentence)
+        if result.reliability is None:
+            show("How far that holds was not measured for this localizer, start or limits.")
+        else:
+            show(result.reliability.sentence)
         if result.causes:
             show("", _causes(result))
         show("", f"largest error: {result.expected_error.max():.2f} m (root mean square)")

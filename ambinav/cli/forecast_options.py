@@ -28,17 +28,13 @@ _complete_odometry = completing("ambinav.drive.odometries", lambda module: modul
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForecastOptions:
+class LocalizerOptions:
     """Options on the localizer and the odometry of a forecast.
 
     Attributes:
         localizer (NAME|FILE): Calibrated class of localizer: product, amcl (lasers), or a file.
         odometry (NAME): Odometry: good, mediocre, poor (2, 4.5 and 9 degrees off after a metre) or
             amcl-default (18).
-        position_limit (M): A robot is lost that is farther off, metres. [default: 0.5]
-        lateral_limit (M): A robot is lost that is farther off across its heading, as on a lane;
-            --position-limit then holds along the heading. [default: none]
-        heading_limit (DEG): A robot is lost that is turned by more, degrees. [default: 30]
     """
 
     PANEL: ClassVar[str] = "Forecast"
@@ -49,6 +45,42 @@ class ForecastOptions:
     odometry: Annotated[
         str | None, typer.Option(show_default=ODOMETRY, autocompletion=_complete_odometry)
     ] = None
+
+    @property
+    def names(self) -> dict[str, Any]:
+        """Localizer and odometry, as arguments of a forecast."""
+        return {
+            "localizer": LOCALIZER if self.localizer is None else self.localizer,
+            "odometry": ODOMETRY if self.odometry is None else self.odometry,
+        }
+
+    def check(self) -> None:
+        """Refuse names that are unknown, before a map is opened.
+
+        Raises:
+            InputError: a value or a combination of options cannot be used.
+        """
+        from ambinav.drive.odometries import odometry_of
+        from ambinav.forecasting.localizer_class import LocalizerClass
+
+        for name, check in (("localizer", LocalizerClass.load), ("odometry", odometry_of)):
+            try:
+                check(self.names[name])
+            except InputError as error:
+                raise InputError(f"--{name}: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForecastOptions(LocalizerOptions):
+    """Options on the localizer, the odometry and the limits of a forecast.
+
+    Attributes:
+        position_limit (M): A robot is lost that is farther off, metres. [default: 0.5]
+        lateral_limit (M): A robot is lost that is farther off across its heading, as on a lane;
+            --position-limit then holds along the heading. [default: none]
+        heading_limit (DEG): A robot is lost that is turned by more, degrees. [default: 30]
+    """
+
     position_limit: Annotated[float | None, above_zero("1.2")] = None
     lateral_limit: Annotated[float | None, above_zero("0.3")] = None
     heading_limit: Annotated[float | None, above_zero("15", "degrees")] = None
@@ -65,32 +97,6 @@ class ForecastOptions:
             option_name(each.name) for each in fields(self) if getattr(self, each.name) is not None
         ]
 
-    @property
-    def _localizer(self) -> str:
-        return LOCALIZER if self.localizer is None else self.localizer
-
-    @property
-    def _odometry(self) -> str:
-        return ODOMETRY if self.odometry is None else self.odometry
-
-    def check(self) -> None:
-        """Refuse names that are unknown, before a map is opened.
-
-        Raises:
-            InputError: a value or a combination of options cannot be used.
-        """
-        from ambinav.drive.odometries import odometry_of
-        from ambinav.forecasting.localizer_class import LocalizerClass
-
-        for option, check, value in (
-            ("--localizer", LocalizerClass.load, self._localizer),
-            ("--odometry", odometry_of, self._odometry),
-        ):
-            try:
-                check(value)
-            except InputError as error:
-                raise InputError(f"{option}: {error}") from None
-
     def check_no_program(self) -> None:
         """Refuse a localizer that drives would start as a program.
 
@@ -99,7 +105,7 @@ class ForecastOptions:
         """
         from ambinav.forecasting.localizer_class import LocalizerClass
 
-        localizer = LocalizerClass.load(self._localizer)
+        localizer = LocalizerClass.load(self.names["localizer"])
         if localizer.runs_command:
             raise InputError(
                 f"--localizer: drives of {localizer.title} would run a program with your rights; "
@@ -118,11 +124,10 @@ class ForecastOptions:
         """
         from ambinav.forecasting.forecast import Forecaster
 
-        which = {"odometry": self._odometry, "localizer": self._localizer}
         limits: dict[str, Any] = {
             "position_limit": self.position_limit,
             "lateral_limit": self.lateral_limit,
             "heading_limit": None if self.heading_limit is None else radians(self.heading_limit),
         }
         given = {name: limit for name, limit in limits.items() if limit is not None}
-        return Forecaster(amap, routes=routes, **{**which, **given, **more})
+        return Forecaster(amap, routes=routes, **{**self.names, **given, **more})

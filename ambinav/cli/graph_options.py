@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.checks import check_suffix, conflict
-from ambinav.cli.plan_options import AUTO, LimitOptions, ResultOptions, SearchOptions
+from ambinav.cli.plan_options import AUTO, COMPLETE, LimitOptions, ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.robot_options import RobotOptions
 from ambinav.cli.running import check_file
@@ -56,6 +56,14 @@ class GraphOptions:
             ("is not for --certify, whose proof is of all free floor", result.certify),
         ):
             conflict("--from-graph", self.from_graph is not None and bool(holds), reason)
+        if self.from_graph is not None:
+            for option in search.budget(promise.wanted):
+                conflict(option, True, f"has no effect on --from-graph, {COMPLETE}")
+            conflict(
+                "--no-improve",
+                not search.improve,
+                "has no effect on --from-graph, whose routes keep to its edges",
+            )
         if self.priced_graph is not None:
             conflict("--priced-graph", self.from_graph is None, "is for --from-graph")
             check_suffix(self.priced_graph, "--priced-graph", (".geojson", ".json"))

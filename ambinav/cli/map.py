@@ -12,7 +12,7 @@ from ambinav.cli import options
 from ambinav.cli.beacon_options import BeaconOptions
 from ambinav.cli.limits import not_negative
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.running import check_map_output, progress_bars, reporting
+from ambinav.cli.running import check_map_output, note, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
 from ambinav.cli.volume_options import VolumeOptions
@@ -75,6 +75,7 @@ def build(
             amap = beacons.add(amap, environment)
         seconds = time.perf_counter() - start
         amap.save(output)
+        note_unjudged(amap)
         if as_json:
             named = {"environment": environment.name, "scanner": chosen.name}
             figures = {"output": output, **named, **_figures(amap)}
@@ -82,6 +83,18 @@ def build(
         else:
             typer.echo(repr(amap))
             typer.echo(f"map: {output}")
+
+
+def note_unjudged(amap: AmbiguityMap) -> None:
+    """Say why no floor counts, if none does."""
+    from ambinav.maps.judged_floor import REASONS
+    from ambinav.reports.number_text import metres2
+
+    areas = [*amap.judged.areas().values()]
+    if not areas[0] and amap.free_area:
+        named = zip(areas[1:], REASONS[1:], strict=True)
+        reasons = ", ".join(f"{metres2(area)} {reason}" for area, reason in named if area)
+        note(f"none of the {metres2(amap.free_area)} of free floor is judged: {reasons}.")
 
 
 def _figures(amap: AmbiguityMap) -> dict[str, Any]:

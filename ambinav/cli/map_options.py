@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.map_building.build import MapSettings
+    from ambinav.map_building.estimate import Estimate
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
 
@@ -233,12 +234,18 @@ class MapOptions:
             )
         return environment, chosen
 
+    def estimate(self, environment: Environment, scanner: RangeScanner) -> Estimate:
+        """Estimate what the map of a scanner takes."""
+        from ambinav.map_building.estimate import estimate
+
+        return estimate(environment, scanner, self.spacing, self.radius, self.headings)
+
     def announce(self, environment: Environment, scanner: RangeScanner, heights: int = 1) -> None:
         """Print time and memory on stderr before a map that takes long is built.
 
         And what a wider spacing would make of it. Of a volume, time and poses are of all heights.
         """
-        from ambinav.map_building.estimate import coarser, estimate
+        from ambinav.map_building.estimate import coarser
 
         spacing, radius = self.spacing, self.radius
         if not 0.0 < spacing <= radius:
@@ -249,7 +256,7 @@ class MapOptions:
                 f"{radius:g} m the levels come out too low and depend on the orientation of the "
                 f"building; give --spacing {radius / FINE:g} or less."
             )
-        needs = estimate(environment, scanner, spacing, radius, self.headings).times(heights)
+        needs = self.estimate(environment, scanner).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
             return
         most = LONG_SECONDS / heights

@@ -80,7 +80,7 @@ def plan(
         if robot.space == FLIGHT:
             ends = position("--start", start, True), position("--goal", goal, True)
             unused = (mission, graph, limits, belief, promise, forecast, speed)
-            plan_flight(map_file, ends, output, search, cost, robot, result, unused, as_json)
+            plan_flight(map_file, ends, output, search, cost, robot, result, unused, trust, as_json)
             return
         call = PlanCall(
             map_file=map_file, output=output, mission=mission, graph=graph, search=search,

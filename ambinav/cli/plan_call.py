@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ambinav.cli.checks import naming_options
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.graph_options import GraphOptions
 from ambinav.cli.mission_options import MissionOptions, mission_figures, mission_lines
@@ -105,6 +106,14 @@ class PlanCall:
             InputError: an option is of no use, or there is no route.
         """
         self._check()
+        with naming_options(
+            "layer", "weight", "weights", "footprint", "turning_radius", "start", "goal", "seed",
+            via=lambda k: f"--via: stop {k + 1}",
+            goals=lambda k: f"--or-goal: goal {k}" if k else "--goal",
+        ):  # fmt: skip
+            return self._run(start, goal)
+
+    def _run(self, start: Place, goal: Place) -> int:
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav_planners import NoPathError
 
@@ -123,7 +132,8 @@ class PlanCall:
         except NoPathError as error:
             where = self.result.picture or self.output.with_name(f"{self.output.stem}-no-path.png")
             draw_no_path(planners[0], error, where)
-            raise InputError(f"{error} The parts are drawn in {where}.") from None
+            message = str(error).replace("avoid_open, keep_out", "--avoid-open, --keep-out")
+            raise InputError(f"{message} The parts are drawn in {where}.") from None
         lost = self._forecast_lost(amap, planned)
         self._report(planned, lost)
         return self.promise.status(planned.driven[planned.wanted]) if self.promise.wanted else 0
@@ -141,16 +151,17 @@ class PlanCall:
         """
         search, cost, promise, result = self.search, self.cost, self.promise, self.result
         search.check()
+        search.check_budget(promise.wanted)
         cost.check(search)
         self.robot.check()
         self.belief.check(search, self.forecast.odometry)
         promise.check(search, cost, result)
-        self.limits.check()
+        self.limits.check(search)
         self.mission.check(self.robot, promise, result)
         self.graph.check(search, self.robot, promise, result, self.limits, self.output)
         self.forecast.check()
         self.speed.check(search, cost, promise, result, self.limits)
-        result.check(self.output)
+        result.check(cost, self.output)
         if self._is_forecast and self.belief.start_std == 0.0:
             raise InputError("--start-std: 0 has no forecast; give more, such as 0.001.")
 

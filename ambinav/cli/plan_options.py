@@ -17,6 +17,7 @@ from ambinav.cli.checks import check_picture, check_replaced, check_suffix, conf
 from ambinav.cli.limits import above_zero, at_least, not_negative
 from ambinav.cli.options import completing
 from ambinav.cli.running import check_file, check_writable
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 AUTO = "auto"
 BELIEF = "is for the planners belief and belief-roadmap"
+COMPLETE = "which is not random and searches to the end"
 
 
 _complete_planner = completing(
@@ -41,10 +43,11 @@ class SearchOptions:
     Attributes:
         planner (NAME): Planner; see --list-planners. auto: reference for a disc in r2,
             informed-rrtstar in r3, prmstar otherwise and with --iterations.
-        time (S): Time for planning, seconds.
+        time (S): Time for planning, seconds; reference and belief take what they need.
         iterations (N): Largest number of iterations; --time ends them too, so give --time inf for
             a route that is the same each time. [default: no limit]
-        seed (N): Seed of the planner's random numbers, 0 or more. [default: different each time]
+        seed (N): Seed of random numbers, of the planner and of drives, 0 or more. [default:
+            different each time]
     """
 
     PANEL: ClassVar[str] = "Planner"
@@ -72,6 +75,41 @@ class SearchOptions:
         """
         if not (self.time == math.inf and self.iterations is not None):
             above_zero("1", "seconds").check(self.time, "--time")
+
+    def budget(self, drives: bool) -> list[str]:
+        """Return the given options that limit the planner's search.
+
+        Args:
+            drives: Whether the route is driven, which the seed is for too.
+        """
+        options = {
+            "--time": self.time != SearchOptions.time,
+            "--iterations": self.iterations is not None,
+            "--seed": self.seed is not None and not drives,
+        }
+        return [option for option, given in options.items() if given]
+
+    def check_budget(self, drives: bool) -> None:
+        """Refuse limits of a planner that is named and does not look at them.
+
+        What `auto` chooses may be random or not: there they are for the one that is.
+
+        Args:
+            drives: See `budget`.
+
+        Raises:
+            InputError: there is no such planner, or an option has no effect on it.
+        """
+        given = self.budget(drives)
+        if not given or self.planner == AUTO:
+            return
+        from ambinav_planners.registry import planner
+
+        for option in given:
+            conflict(
+                option, not planner(self.planner).uses_budget,
+                f"has no effect on the planner {self.planner}, {COMPLETE}",
+            )  # fmt: skip
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -186,14 +224,19 @@ class LimitOptions:
     max_bad_metres: Annotated[float | None, above_zero("5")] = None
     bad_level: Annotated[float, not_negative("0.5", "a level")] = 0.5
 
-    def check(self) -> None:
-        """Refuse a level without the limit that it is for.
+    def check(self, search: SearchOptions) -> None:
+        """Refuse a level without the limit that it is for, and iterations on lanes.
 
         Raises:
-            InputError: it is given.
+            InputError: they are given.
         """
         given = self.bad_level != 0.5 and self.max_bad_metres is None
         conflict("--bad-level", given, "is for --max-bad-metres")
+        conflict(
+            "--iterations",
+            search.iterations is not None and self.one_way is not None,
+            f"has no effect on --one-way: lanes are for the planner reference, {COMPLETE}",
+        )
 
     def arguments(self, amap: AmbiguityMap) -> dict[str, Any]:
         """Return the arguments of `RoutePlanner` about excluded floor of a map.
@@ -233,7 +276,7 @@ class BeliefOptions:
 
     PANEL: ClassVar[str] = "Belief planners"
 
-    max_std: float | None = None
+    max_std: Annotated[float | None, above_zero("0.5")] = None
     start_std: Annotated[float | None, not_negative("0.1", "a number")] = None
     odometry_scale: Annotated[float | None, not_negative("0.25", "a number")] = None
 
@@ -245,7 +288,8 @@ class BeliefOptions:
             odometry: Name of the odometry of forecasts; None: it is not given.
 
         Raises:
-            InputError: a value or a combination of options cannot be used.
+            InputError: a value or a combination of options cannot be used, or the start alone
+                breaks the limit.
         """
         conflict(
             "--odometry-scale", self.odometry_scale is not None and odometry is not None,
@@ -257,6 +301,18 @@ class BeliefOptions:
             ("--odometry-scale", self.odometry_scale),
         ):
             conflict(option, value is not None and not search.has_belief, BELIEF)
+        conflict(
+            "--no-improve",
+            search.has_belief and not search.improve,
+            "has no effect on the belief planners, whose routes are never improved",
+        )
+        if self.max_std is not None:
+            start = self.arguments(None)["belief"].std
+            if start > self.max_std:
+                raise InputError(
+                    f"--max-std: {self.max_std:g} m is less than the deviation at the start, "
+                    f"{start:g} m; give more, or a smaller --start-std."
+                )
 
     def arguments(self, odometry: str | None) -> dict[str, Any]:
         """Return the arguments of `RoutePlanner` about the belief; see `check`."""
@@ -312,7 +368,7 @@ class ResultOptions:
     weights: str | None = None
     certify: bool = False
 
-    def check(self, output: Path) -> None:
+    def check(self, cost: CostOptions, output: Path) -> None:
         """Refuse files that cannot be written, and options that contradict each other.
 
         Raises:
@@ -321,6 +377,11 @@ class ResultOptions:
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
         conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
         conflict("--certify", self.certify and self.pareto, "is for a single weight")
+        conflict(
+            "--weight",
+            cost.weight != CostOptions.weight and self.pareto,
+            "is for a single route, and --pareto plans for --weights",
+        )
         conflict(
             "--picture",
             self.picture is not None and self.pareto,

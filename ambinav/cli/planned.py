@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import typer
 
 from ambinav.cli.limits import not_negative
 from ambinav.cli.printing import show, table
+from ambinav.forecasting.document import RELIABILITY, plain_bin
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
     from ambinav.forecasting.localizer_class import LocalizerClass
+    from ambinav.forecasting.reliability import ReliabilityBin
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
@@ -40,12 +42,14 @@ class LostFigures:
         odometry: Name of the odometry.
         forecast: Forecast share of each.
         driven: Drives; empty if none were asked for.
+        reliability: Lost robots on routes forecast like each; empty: not asked for.
     """
 
     localizer: LocalizerClass
     odometry: str
     forecast: Mapping[str, float]
     driven: Mapping[str, Ensemble]
+    reliability: Mapping[str, ReliabilityBin | None] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -58,7 +62,8 @@ class LostFigures:
         """Forecast routes."""
         shares = forecaster.lost_probabilities(list(routes.values())).tolist()
         forecast = dict(zip(routes, shares, strict=True))
-        return cls(forecaster.localizer, odometry, forecast, driven)
+        reliability = {name: forecaster.reliability(p) for name, p in forecast.items()}
+        return cls(forecaster.localizer, odometry, forecast, driven, reliability)
 
     def contradiction(self, name: str) -> str:
         """Describe how the drives of a route contradict its forecast; empty: they do not."""
@@ -70,7 +75,10 @@ class LostFigures:
 
     def plain(self, name: str) -> dict[str, Any]:
         """Return the figures of a route as plain data."""
-        figures: dict[str, Any] = {"lost_probability": self.forecast[name]}
+        figures: dict[str, Any] = {
+            "lost_probability": self.forecast[name],
+            RELIABILITY: plain_bin(self.reliability.get(name)),
+        }
         if name in self.driven:
             driven = self.driven[name]
             figures["driven"] = {
@@ -219,7 +227,11 @@ def plan_front(
         save_figure(plot_pareto(front), folder / "pareto.png")
         save_figure(plot_routes(robot.service.map, _distinct_routes(front)), folder / "routes.png")
     if as_json:
-        typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
+        rows = front.rows()
+        if forecaster is not None:
+            for row in rows:
+                row[RELIABILITY] = plain_bin(forecaster.reliability(row["lost_probability"]))
+        typer.echo(json.dumps({"output": str(output), "points": rows}, indent=2))
         return
     _print_table(routes, lost)
     for line in speed.lines(creep):

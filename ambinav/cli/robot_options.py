@@ -15,6 +15,7 @@ Pose = tuple[float, float, float]
 
 CURVES = ("dubins", "reeds-shepp")
 FLIGHT = "r3"
+SPACES = ("r2", "se2", *CURVES, FLIGHT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +53,8 @@ class RobotOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
+        if self.space not in SPACES:
+            raise InputError(f"--space is {self.space!r}; choose from {', '.join(SPACES)}.")
         if self.space in CURVES:
             above_zero("0.5").check(self.turning_radius, "--turning-radius")
         else:

@@ -23,6 +23,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
+from ambinav.forecasting.reliability import reliability_of
 from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress, silent
@@ -61,7 +62,7 @@ class Calibration:
     """A calibrated class, and its forecasts of K routes in buildings left out.
 
     Attributes:
-        localizer: The class, fitted to all routes.
+        localizer: The class, fitted to all routes, with the reliability of `left_out`.
         left_out: Probability of each route by the fit without its building, shape (K,).
         skill: Brier skill of these, with an interval over buildings.
         ceiling: Brier skill that chance from run to run leaves at most.
@@ -128,9 +129,9 @@ def calibrate(
         left_out[out] = fitted.calibrated(raw_shares(fitted, left, start))
         progress((fold + 1) / (folds + 1))
     fitted = _fitted(localizer, routes, start)
-    runs = np.array([route.runs for route in routes])
+    lost, runs = (np.array([getattr(route, key) for route in routes]) for key in ("lost", "runs"))
     return Calibration(
-        fitted,
+        replace(fitted, reliability=reliability_of(left_out, lost, runs, buildings)),
         left_out,
         skill_interval(left_out, shares, buildings, rng),
         skill_ceiling(shares, runs),

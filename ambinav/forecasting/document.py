@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecast
+    from ambinav.forecasting.reliability import ReliabilityBin
 
 LOCALIZER: Final = "product"
 ODOMETRY: Final = "mediocre"
 """Odometry of a forecast if none is asked for."""
+RELIABILITY: Final = "lost_probability_reliability"
+"""Key of a `ReliabilityBin`."""
 
 
 def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:
@@ -23,6 +27,7 @@ def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:
     error = forecast.expected_error
     return {
         "lost_probability": forecast.lost_probability,
+        RELIABILITY: plain_bin(forecast.reliability),
         "text": forecast.sentence,
         "localizer": forecast.localizer.name,
         "odometry": odometry,
@@ -44,3 +49,8 @@ def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:
             )
         ],
     }  # fmt: skip
+
+
+def plain_bin(measured: ReliabilityBin | None) -> dict[str, Any] | None:
+    """Return a bin as plain data; None: not measured."""
+    return None if measured is None else asdict(measured)

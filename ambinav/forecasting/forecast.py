@@ -22,6 +22,7 @@ from ambinav.forecasting.ensemble import EnsembleRunner, LostRule
 from ambinav.forecasting.filter_kernel import forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.reliability import ReliabilityBin, bin_at
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.segments import FRONTIER
@@ -57,6 +58,8 @@ class Forecast:
         causes: Stretches on which robots get lost, the worst first; () of a class without skill.
         localizer: The class of localizer that it is of.
         odometry: Errors of the odometry that it is of.
+        reliability: How many robots got lost where about as many were forecast to; None: that was
+            not measured.
     """
 
     poses: Floats
@@ -66,6 +69,7 @@ class Forecast:
     causes: tuple[Cause, ...]
     localizer: LocalizerClass
     odometry: OdometryNoise
+    reliability: ReliabilityBin | None = None
 
     def __post_init__(self) -> None:
         """Drop the causes where the class cannot tell them."""
@@ -199,7 +203,10 @@ class Forecaster:
         self._note_walls(poses)
         lost = self.localizer.calibrated(lost)
         causes = causes_of(poses, along, lost, covariance, self.lost_rule)
-        return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
+        return Forecast(
+            poses, along, covariance, lost, causes, self.localizer, self.odometry,
+            self.reliability(float(lost[-1])),
+        )  # fmt: skip
 
     @property
     def lost_rule(self) -> LostRule:
@@ -210,6 +217,16 @@ class Forecaster:
             self.settings.heading_limit,
             lateral=None if math.isinf(across) else across,
         )
+
+    def reliability(self, probability: float) -> ReliabilityBin | None:
+        """Return how many robots got lost where about as many were forecast to.
+
+        None: that was not measured, as for other limits or another start than the default ones.
+        """
+        measured = np.array_equal(self.start, np.diag(np.square(START_STD)))
+        if not measured or self.lost_rule != LostRule():
+            return None
+        return bin_at(self.localizer.reliability, probability)
 
     def lost_probabilities(self, routes: Sequence[Route]) -> Floats:
         """Return the probability that a robot gets lost on each route, shape (K,).

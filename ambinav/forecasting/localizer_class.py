@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import yaml
@@ -21,7 +21,7 @@ from scipy.special import expit
 
 from ambinav.config import Number, Positive, check_fields, check_kind, nearest, read_text
 from ambinav.config.files import parse_yaml
-from ambinav.config.model import from_mapping
+from ambinav.config.model import from_mapping, of_mapping
 from ambinav.drive.localizer_spec import (
     DEFAULT,
     LOCALIZERS,
@@ -32,6 +32,7 @@ from ambinav.drive.localizer_spec import (
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.filter_kernel import FilterSettings
+from ambinav.forecasting.reliability import ReliabilityBin
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
@@ -71,6 +72,7 @@ class LocalizerClass:
         otherwise: Likewise, for scanners that `localizer` cannot use; None: there are none.
         made: Provenance of the fit: date, commit, numbers of buildings and routes, and the Brier
             skill on buildings left out, with its interval.
+        reliability: Lost robots on routes in buildings left out, by forecast; (): not measured.
 
     Raises:
         InputError: a number is out of its range.
@@ -89,6 +91,7 @@ class LocalizerClass:
     localizer: Plain = DEFAULT
     otherwise: Plain | None = None
     made: str = ""
+    reliability: tuple[Annotated[ReliabilityBin, of_mapping(ReliabilityBin)], ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, f"localizer {self.name!r}")
@@ -177,7 +180,7 @@ class LocalizerClass:
         return any(LOCALIZERS.get(name).runs_command for name in names)
 
     def to_yaml(self, path: Path) -> None:
-        """Write the file of the class, numbers with four digits; fields that are None are left out.
+        """Write the file of the class, numbers with four digits, without fields that are empty.
 
         Raises:
             InputError: the file cannot be written.
@@ -185,9 +188,11 @@ class LocalizerClass:
         plain = {
             key: float(f"{value:.4g}") if isinstance(value, float) else value
             for key, value in asdict(self).items()
-            if value is not None
+            if value not in (None, ())
         }
-        text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=100)
+        text = yaml.safe_dump(
+            plain, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None
+        )
         write_text(path, text)
 
     def settings(

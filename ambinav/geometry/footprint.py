@@ -96,6 +96,14 @@ class Footprint:
         return len(self.corners) == 0
 
     @cached_property
+    def is_symmetric(self) -> bool:
+        """True if half a turn about the origin changes nothing, as for a disc."""
+        if self.is_disc:
+            return True
+        turned = shapely.Polygon(-self.corners)
+        return bool(shapely.hausdorff_distance(self.shape.exterior, turned.exterior) <= ROUNDING)
+
+    @cached_property
     def inner(self) -> float:
         """Radius of the largest disc around the origin inside the footprint, metres; 0 if none."""
         if self.is_disc:

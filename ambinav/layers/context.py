@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -75,7 +74,7 @@ class LayerContext:
         Raises:
             InputError: the map does not say how it was made.
         """
-        parameters = json.loads(amap.dataset.attrs["parameters"])
+        parameters = amap.parameters
         wanted = {item.name for item in fields(AmbiguityModel)}
         # Maps of earlier versions have no robot radius.
         parameters.setdefault("robot_radius", 0.0)

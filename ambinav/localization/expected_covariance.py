@@ -10,8 +10,6 @@ localizer that knows where about it is.
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -123,7 +121,7 @@ def walls_std(place: AmbiguityMap | Environment, map_std: float | None) -> float
 
 
 def _parameter(place: AmbiguityMap, name: str) -> float:
-    parameters = json.loads(place.dataset.attrs["parameters"])
+    parameters = place.parameters
     if name not in parameters:
         raise InputError(
             f"{place.source}: its parameters lack {name}; make the map again with `ambinav map`."

@@ -221,13 +221,9 @@ def build_map(
     spacing = settings.spacing
 
     def compute(report: Progress) -> AmbiguityMap:
-        lattice, possible = standing_lattice(
-            Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta,
-            model.robot_radius,
-        )  # fmt: skip
         parts = 1 + len(names)
-        results = _compute(
-            lattice, possible, thinned, model, theta, within(report, 0.0, 1.0 / parts)
+        lattice, results = computed_lattice(
+            env, spacing, mounted, thinned, model, theta, within(report, 0.0, 1.0 / parts)
         )
         amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, results))
         if names:
@@ -249,6 +245,39 @@ def build_map(
         key = map_key(env, scanner, thinned, model, spacing, theta, names)
         own = None if store is True else store
         return opened_or_computed(key, labels(env, scanner), compute, report, own)
+
+
+def computed_lattice(
+    env: Environment,
+    spacing: float,
+    mounted: RangeScanner,
+    thinned: RangeScanner,
+    model: AmbiguityModel,
+    theta: Floats | None,
+    report: Progress,
+) -> tuple[Lattice, LatticeSums]:
+    """Compute every pose of a building where the robot can stand.
+
+    Args:
+        env: The building.
+        spacing: Spacing of the lattice, metres.
+        mounted: The scanner, in the robot's centre if one heading represents all.
+        thinned: Its beams that take part.
+        model: The parameters.
+        theta: Headings, radians, shape (H,), or None for a map without heading.
+        report: Called with the share done.
+
+    Returns:
+        The lattice of the points where it can stand at some heading, and the results there.
+
+    Raises:
+        InputError: there is none, see `Lattice.over` and `standing_lattice`.
+    """
+    headings = np.zeros(1) if theta is None else theta
+    lattice, possible = standing_lattice(
+        Lattice.over(env, spacing), mounted, headings, model.robot_radius
+    )
+    return lattice, _compute(lattice, possible, thinned, model, theta, report)
 
 
 @dataclass(frozen=True)
@@ -327,7 +356,7 @@ def _compute(
             report(end / len(x))
         if turning is not None and beams is not None:
             turning[tile.begin : tile.end] = turning_moments(
-                Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
+                Returns(data[0]), np.arange(tile.begin, tile.end) - tile.first, beams, table,
                 evidences, model.tau, lattice.spacing,
             )  # fmt: skip
         blind = blind_share(data, tile.begin - tile.first, tile.end - tile.first, table.beams)

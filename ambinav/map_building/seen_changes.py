@@ -17,11 +17,12 @@ from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.runtime.array_types import Bools, Floats
 
-# One in so many poses tells how large the share is that sees a change. Where it is larger than this
-# the others are not asked; the second is of meshes, where each is cast twice.
-SAMPLED = 17
+# Where a larger share of poses sees a change, the rest is not asked; the second is of meshes, where
+# each is cast twice.
 MOST_SEEING = 0.8
 MOST_DIFFERING = 0.25
+# See `SeenChanges.asking`.
+ASKING_IN_PLANE = 0.05
 # With more changed walls than this, computing all poses within reach is faster than asking.
 MOST_CHANGES = 1000
 # Beams of poses in a mesh whose returns are compared at a time.
@@ -56,21 +57,39 @@ class SeenChanges:
         """Distance from the robot within which a change is seen, metres."""
         return float((np.hypot(self.rays.x, self.rays.y) + self.rays.reach).max())
 
+    @cached_property
+    def countless(self) -> bool:
+        """True if so many walls changed that poses are not asked whether they see them."""
+        count = len(self.changes.removed) + len(self.changes.added)
+        if self.new.space is not None:
+            count = sum(len(faces.kind) for faces in self._faces)
+        return count > MOST_CHANGES
+
+    @property
+    def most(self) -> float:
+        """Share of poses that see the change from which on to ask takes longer than it saves."""
+        return MOST_DIFFERING if self._by_returns else MOST_SEEING
+
+    @property
+    def asking(self) -> float:
+        """Time that it takes to ask poses, by that to compute them."""
+        return ASKING_IN_PLANE if self.new.space is None else 1.0 - self.most
+
     def by(self, x: Floats, y: Floats) -> Bools:
         """Return which poses within reach, shape (N,), may see a change; in doubt they do."""
+        if self.countless:
+            return np.ones(len(x), dtype=np.bool_)
+        if self.new.space is None:
+            return self._in_plane(x, y)
+        return self._by_scans(x, y) if self._by_returns else self._in_prisms(x, y)
+
+    @property
+    def _by_returns(self) -> bool:
+        """True in space where the walls that changed are not known."""
         old, new = self.old, self.new
-        asked, most = self._in_plane, MOST_SEEING
-        count = len(self.changes.removed) + len(self.changes.added)
-        if new.space is not None:
-            asked, count = self._in_prisms, sum(len(faces.kind) for faces in self._faces)
-            if not comparable(old.space, new.space) or old.floor != new.floor:
-                asked, most = self._by_scans, MOST_DIFFERING
-        if count > MOST_CHANGES:
-            return np.ones(len(x), dtype=np.bool_)
-        # Where most poses see the change, to ask all of them takes longer than it saves.
-        if len(x) > SAMPLED and asked(x[::SAMPLED], y[::SAMPLED]).mean() > most:
-            return np.ones(len(x), dtype=np.bool_)
-        return asked(x, y)
+        return new.space is not None and (
+            not comparable(old.space, new.space) or old.floor != new.floor
+        )
 
     @property
     def _reach(self) -> Floats:

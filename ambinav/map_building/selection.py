@@ -87,8 +87,8 @@ class ChosenPoses:
         results.sums[where] = part.sums(data, table, self.model)
         if results.turning is not None:
             results.turning[where] = turning_moments(
-                Returns(data[0, part.poses]), 0, len(part.poses), turns(scanner), table,
-                table.evidence, self.model.tau, part.lattice.spacing,
+                Returns(data[0]), part.poses, turns(scanner), table, table.evidence,
+                self.model.tau, part.lattice.spacing,
             )  # fmt: skip
         blind = blind_share(data, 0, len(x), table.beams)[part.poses]
         results.unknown[where] = blind.mean(axis=1, where=part.possible[part.poses])

@@ -100,5 +100,7 @@ def opened_or_computed(
     amap, opened = store.opened_or_built(key, build)
     if opened:
         amap.dataset.attrs |= labels
+        if key is not None:
+            store.note_opened(key, amap)
         report(1.0)
     return amap

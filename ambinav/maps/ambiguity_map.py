@@ -118,7 +118,8 @@ class AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
         The result equals, to rounding, the map that `build_map` makes of `env` with this map's
-        scanner and parameters. It takes only the time of the poses that see the change.
+        scanner and parameters. It takes the time of the poses that see the change; where, by a
+        sample of them, a build would take no longer, all are computed anew.
 
         Args:
             env: The building, see `Environment.edited`.
@@ -156,6 +157,12 @@ class AmbiguityMap:
     def is_share(self, layer: str) -> bool:
         """Return True if the layer is a share from 0 to 1 without a unit."""
         return schema.is_share(layer)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters with which the map was computed, by name."""
+        parameters: dict[str, Any] = json.loads(self.dataset.attrs["parameters"])
+        return parameters
 
     @property
     def spacing(self) -> float:
@@ -197,7 +204,7 @@ class AmbiguityMap:
         """
         if JUDGED in self.dataset:
             return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
-        robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
+        robot = self.parameters.get("robot_radius")
         return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
 
     @cached_property
@@ -248,6 +255,11 @@ class AmbiguityMap:
     def cell_area(self) -> float:
         """Area of one cell, square metres."""
         return self._step[0] * self._step[1]
+
+    def centres(self, mask: Bools) -> Floats:
+        """Return the centres of the cells of a mask of the floor, x and y, shape (N, 2), metres."""
+        row, column = np.nonzero(mask)
+        return np.column_stack([self.dataset["x"].values[column], self.dataset["y"].values[row]])
 
     @property
     def possible(self) -> Bools:
@@ -406,6 +418,7 @@ class AmbiguityMap:
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
         judged = self.judged
         shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=judged.counted))
+        judged_shares = f": {shares}" if judged.counted.any() else ""
         count = self.impossible_poses
         impossible = f", {count} poses impossible" if count else ""
         return (
@@ -413,7 +426,7 @@ class AmbiguityMap:
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
             f"{self.free_area:.0f} m^2 free{impossible}\n"
-            f"  of {judged.area(judged.counted):.0f} m^2 judged: {shares}\n"
+            f"  of {judged.area(judged.counted):.0f} m^2 judged{judged_shares}\n"
             f"  layers: {', '.join(self._layers)}\n"
             f"  costs read: {self.cost_layer}>"
         )

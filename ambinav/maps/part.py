@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 from ambinav.geometry.environment import Environment
@@ -17,7 +16,7 @@ def is_part(amap: AmbiguityMap, environment: Environment | None = None) -> bool:
         environment: Building of the map, if available; None: that stored in the map.
     """
     building = amap.environment if environment is None else environment
-    spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
+    spacing = float(amap.parameters.get("spacing", amap.spacing))
     xmin, ymin, xmax, ymax = building.free.bounds
     for name, low, high in (("x", xmin, xmax), ("y", ymin, ymax)):
         first, last = (round(float(c) / spacing - 0.5) for c in amap.dataset[name].values[[0, -1]])

@@ -112,7 +112,9 @@ def added(dataset: xr.Dataset) -> tuple[str, ...]:
 
     They say in their attributes which end is `worse`: "high" or "low".
     """
-    names = (str(name) for name, values in dataset.items() if "worse" in values.attrs)
+    # See `layers`.
+    variables = dataset.variables.items()
+    names = [str(name) for name, values in variables if "worse" in values.attrs]
     return tuple(name for name in names if base_name(name) == name)
 
 

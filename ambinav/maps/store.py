@@ -21,9 +21,10 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import holding_interrupts, replacing
 from ambinav.runtime.input_suggestions import kind_of, kind_of_path, refuse
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Format version that is written. 1 (stores without the attribute `map_format`) left out chunks
-that held only the fill value, so that a lost chunk could not be distinguished from an empty one.
+that held only the fill value, so that a lost chunk could not be distinguished from an empty one. In
+2 and before, the zone of floor over all headings was that of mean radii.
 """
 FORMAT_ATTR: Final = "map_format"
 UNFINISHED: Final = "unfinished"
@@ -252,6 +253,12 @@ def _read(
             consolidated=metadata.get("consolidated_metadata") is not None,
             zarr_format=3,
         )
+        version = (metadata.get("attributes") or {}).get(FORMAT_ATTR, 1)
+        if version < 3 and "theta" in opened.sizes:
+            raise InputError(
+                f"{address}: this map with headings is of an earlier ambinav, whose zones of floor "
+                "differ from those of today's maps; make the map again."
+            )
         if bounds is not None:
             opened = _within(opened, bounds, address)
         dataset: xr.Dataset = opened if lazy else opened.load()

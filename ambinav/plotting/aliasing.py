@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.patheffects import withStroke
 from scipy.spatial import cKDTree
@@ -16,7 +15,7 @@ from scipy.spatial import cKDTree
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure, Pixels, label_points, rgba_bytes
+from ambinav.plotting.floor import FloorFigure, Pixels, blend_white, label_points, rgba_bytes
 from ambinav.runtime.array_types import Bools, Bounds, Floats
 
 DARK, PALE = 0.6, 0.25
@@ -72,11 +71,11 @@ def plot_aliasing(
     for letter in letters:
         own = [pair for pair in pairs if pair.letter == letter]
         everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])
-        pale, dark = (_blend(colour[letter], strength) for strength in (PALE, DARK))
+        pale, dark = (blend_white(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
         _paint(picture, amap, parts.counted, _representative_points(own, spacing), spacing, dark)
         label = f"{letter}, aliased with {len(own)} region{'s' if len(own) > 1 else ''}"
-        handles.append(Patch(facecolor=_blend(colour[letter], DARK), label=label))
+        handles.append(Patch(facecolor=blend_white(colour[letter], DARK), label=label))
     floor.paint(picture)
     floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
     for pair in reversed(pairs):
@@ -122,12 +121,6 @@ def _choose_bend(pair: AliasedPair, box: Bounds) -> float:
     return 0.0
 
 
-def _blend(colour: str, strength: float) -> tuple[float, float, float]:
-    """Blend a colour with white."""
-    red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
-    return red, green, blue
-
-
 def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> Floats:
     """Return the points of the first pair's region that represent it.
 
@@ -152,8 +145,7 @@ def _paint(
 ) -> None:
     """Colour the counted cells around points of a lattice, which may be rotated."""
     rows, columns = np.nonzero(counted)
-    cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
-    near, _ = cKDTree(points).query(cells)
+    near, _ = cKDTree(points).query(amap.centres(counted))
     # Half the diagonal of a lattice's cell, and a little for aliased poses that lie farther apart.
     held = near <= 0.75 * spacing
     picture[rows[held], columns[held]] = rgba_bytes(colour)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 from weakref import WeakSet
@@ -37,6 +38,28 @@ def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: fl
         figure.set_layout_engine("constrained", **pads)
     FigureCanvasAgg(figure)
     return figure
+
+
+def head(figure: Figure, title: str) -> None:
+    """Write the title of a picture at its upper left."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+
+
+def foot(
+    figure: Figure, handles: Sequence[Artist], columns: int | None = None, font: float = 10
+) -> None:
+    """Draw a legend below a picture, in one row if no number of columns is given."""
+    figure.legend(
+        handles=handles, loc="outside lower left", frameon=False, fontsize=font,
+        ncol=columns or len(handles),
+    )  # fmt: skip
+
+
+def chart(axes: Axes) -> None:
+    """Give axes a pale grid behind what is drawn, and no frame above and on the right."""
+    axes.grid(color="#DDDDDD", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def root_figure(axes: Axes) -> Figure:

@@ -25,8 +25,8 @@ from ambinav.plotting.floor import (
     colour_patch,
     label_points,
     rgba_bytes,
-    unexplored_patch,
     view,
+    zoneless_patches,
 )
 from ambinav.plotting.maps import paint_zones
 from ambinav.reports.number_text import percent
@@ -151,11 +151,7 @@ def _zone_legend(
         )
         for code, name in enumerate(ZONES)
     ]
-    if any(part.unexplored.any() for part in parts):
-        entries.append(unexplored_patch("unexplored"))
-    if any(part.unreachable.any() for part in parts):
-        entries.append(colour_patch(style.UNREACHABLE, "not\nreachable"))
-    return entries
+    return entries + zoneless_patches(parts, "not\nreachable")
 
 
 def _change_legend(change: ChangeLayer) -> list[Artist]:

@@ -24,7 +24,7 @@ from ambinav.drive.metrics import LOST_POSITION
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.canvas import foot, new_figure
 from ambinav.plotting.floor import FloorFigure, label_points, rgba_bytes, view
 from ambinav.plotting.routes import route_line, route_styles
 from ambinav.routes.files import trace_route
@@ -150,13 +150,7 @@ def plot_spread(
         fontsize=10,
     )
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)
-    figure.legend(
-        handles=_legend_entries(driven, len(boxes) > 0),
-        loc="outside lower left",
-        frameon=False,
-        ncol=4,
-        fontsize=10,
-    )
+    foot(figure, _legend_entries(driven, len(boxes) > 0), 4)
     return figure
 
 

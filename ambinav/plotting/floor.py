@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.font_manager import FontProperties
 from matplotlib.image import AxesImage
 from matplotlib.legend import Legend
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import fit, new_figure, root_figure
 from ambinav.plotting.solid_cells import padded_solid
@@ -375,6 +376,12 @@ def rgba_bytes(colour: str | tuple[float, float, float]) -> Pixels:
     return np.rint(255.0 * np.array(to_rgba(colour))).astype(np.uint8)
 
 
+def blend_white(colour: str, strength: float) -> tuple[float, float, float]:
+    """Blend a colour with white; its own share is `strength`."""
+    red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
+    return red, green, blue
+
+
 def view(amap: AmbiguityMap) -> Bounds:
     """Return the bounds of the free cells with a small margin; unknown cells may surround them."""
     free = amap.dataset["free"].values
@@ -415,6 +422,24 @@ def label_points(
 def colour_patch(colour: str, label: str) -> Patch:
     """Return a legend entry for a colour of the floor."""
     return Patch(facecolor=colour, edgecolor=style.EDGE, linewidth=0.6, label=label)
+
+
+def zone_patches() -> list[Artist]:
+    """Return legend entries for the zones."""
+    return [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
+
+
+def zoneless_patches(
+    parts: Iterable[JudgedFloor], unreachable: str = "not reachable"
+) -> list[Artist]:
+    """Return legend entries for floor without a zone, if any of the floors has such."""
+    every = tuple(parts)
+    patches: list[Artist] = []
+    if any(part.unexplored.any() for part in every):
+        patches.append(unexplored_patch("unexplored"))
+    if any(part.unreachable.any() for part in every):
+        patches.append(colour_patch(style.UNREACHABLE, unreachable))
+    return patches
 
 
 def unexplored_patch(label: str) -> Patch:

@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 
 from ambinav.forecasting.forecast import Forecast
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import FloorFigure, colour_patch, label_points
+from ambinav.plotting.floor import FloorFigure, label_points, zone_patches
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.routes import route_line
 from ambinav.plotting.style import GOAL, START, route_style
@@ -52,13 +51,14 @@ def plot_forecast(amap: AmbiguityMap, forecast: Forecast) -> Figure:
         [(cause.x, cause.y, str(k)) for k, cause in enumerate(worst, 1)],
         style.ZONE_COLOURS[3],
     )
-    zones = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
     caption = [f"{START}: start", f"{GOAL}: goal"]
     caption += [
         f"{k}: {100.0 * cause.probability:.1f} % get lost, {cause.kind}"
         for k, cause in enumerate(worst, 1)
     ]
-    floor.legend(zones + floor.part_patches(amap.judged) + floor.outside_patches(), caption)
+    floor.legend(
+        zone_patches() + floor.part_patches(amap.judged) + floor.outside_patches(), caption
+    )
     floor.finish()
     _curves(below, forecast)
     return figure

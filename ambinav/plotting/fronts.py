@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -12,11 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Bbox
 
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure, root_figure
-from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot
+from ambinav.plotting.canvas import chart, foot, head, new_figure
+from ambinav.plotting.labels import FONT, Labelled, along, on_paper, write_labels
 from ambinav.runtime.array_types import Floats
 
 LINE_COLOUR: Final = style.BLUE
@@ -69,7 +67,7 @@ def plot_fronts(panels: Sequence[FrontPanel], label: str, title: str, caption: s
     rows = -(-len(panels) // columns)
     figure = new_figure(max(4.9 * columns, 7.0), 4.4 * rows + 0.5)
     every: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+    head(figure, title)
     for axes in every[len(panels) :]:
         axes.set_axis_off()
     for axes, panel in zip(every, panels, strict=False):
@@ -87,9 +85,7 @@ def plot_fronts(panels: Sequence[FrontPanel], label: str, title: str, caption: s
         ),
         Line2D([], [], linestyle="none", label=caption),
     ]
-    figure.legend(
-        handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
-    )
+    foot(figure, handles)
     figure.draw_without_rendering()  # positions are final only now; labels are laid by them
     for axes, panel in zip(every, panels, strict=False):
         _label(axes, panel)
@@ -100,9 +96,7 @@ def _frame(axes: Axes, panel: FrontPanel, label: str) -> None:
     axes.set_xlabel(panel.label, fontsize=FONT + 1)
     axes.set_ylabel(label, fontsize=FONT + 1)
     axes.tick_params(labelsize=FONT - 1)
-    axes.grid(color="#DDDDDD", linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    chart(axes)
     cost, bad = (np.array([getattr(dot, name) for dot in panel.dots]) for name in ("x", "y"))
     for scale, limit, values, room in (
         (axes.set_xscale, axes.set_xlim, cost, (2.5, 0.18)),
@@ -144,31 +138,21 @@ def _draw(axes: Axes, panel: FrontPanel) -> None:
 
 def _label(axes: Axes, panel: FrontPanel) -> None:
     """Draw labels beside their points, those of the front first."""
-    scale = 72.0 / root_figure(axes).dpi
-    place = axes.transData.transform([(dot.x, dot.y) for dot in panel.dots]) * scale
-    frame = Bbox(axes.get_window_extent().get_points() * scale)
+    place = on_paper(axes, [(dot.x, dot.y) for dot in panel.dots])
     best = [at for at, dot in zip(place, panel.dots, strict=True) if not dot.dominated]
-    lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in [*place, *_steps(np.array(best))]]
-    written: list[Bbox] = []
-    order = sorted(range(len(panel.dots)), key=lambda i: panel.dots[i].dominated)
-    for i in order:
-        dot, (x, y) = panel.dots[i], place[i]
-        offset, box = free_spot(x, y, 0.6 * FONT * len(dot.label), lines, written, frame)
-        written.append(box.padded(2.0, 0.5))
-        far = math.hypot(*offset) > FAR
-        label = axes.annotate(
-            dot.label,
-            (dot.x, dot.y),
-            xytext=offset,
-            textcoords="offset points",
-            ha=alignment(offset),
-            va="bottom",
-            fontsize=FONT if not dot.dominated else FONT - 2,
-            color="black" if not dot.dominated else "#666666",
-            zorder=6,
-            arrowprops={"arrowstyle": "-", "color": "#999999", "lw": 0.7} if far else None,
+    looks = {
+        False: {"fontsize": FONT, "color": "black", "zorder": 6},
+        True: {"fontsize": FONT - 2, "color": "#666666", "zorder": 6},
+    }
+    labels = [
+        Labelled(dot.label, (dot.x, dot.y), at, looks[dot.dominated])
+        for at, dot in sorted(
+            zip(place, panel.dots, strict=True), key=lambda placed: placed[1].dominated
         )
-        label.set_in_layout(False)
+    ]
+    drawn = [*place, *_steps(np.array(best))]
+    join = {"color": "#999999", "lw": 0.7}
+    write_labels(axes, labels, drawn, letter=0.6, padding=(2.0, 0.5), join=join)
 
 
 def _steps(place: Floats) -> Floats:

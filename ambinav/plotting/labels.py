@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
+from ambinav.plotting.canvas import root_figure
 from ambinav.runtime.array_types import Floats
 
 FONT: Final = 10
@@ -23,6 +28,60 @@ _AROUND: Final = (
     (-30, 18), (-30, -28), (0, 38), (30, 34), (-30, 34), (0, 54), (-40, 50), (-40, -44),
 )  # fmt: skip
 """Offsets of a label from its point, in points; the first free one is taken."""
+
+
+class Labelled(NamedTuple):
+    """A text for a point of a chart.
+
+    Attributes:
+        text: The text.
+        at: The point, in the units of the axes.
+        place: The same on paper, points.
+        look: Arguments of Matplotlib's `annotate`.
+    """
+
+    text: str
+    at: tuple[float, float]
+    place: Floats
+    look: Mapping[str, Any]
+
+
+def on_paper(axes: Axes, points: ArrayLike) -> Floats:
+    """Convert points of a chart (N, 2) to points on paper, 72 an inch."""
+    return np.asarray(axes.transData.transform(points) * 72.0 / root_figure(axes).dpi)
+
+
+def write_labels(
+    axes: Axes,
+    labels: Iterable[Labelled],
+    drawn: Iterable[Floats],
+    *,
+    letter: float,
+    padding: tuple[float, float],
+    join: Mapping[str, Any],
+) -> None:
+    """Write texts beside their points without overlap where possible, the first ones first.
+
+    Args:
+        axes: The chart; its layout is final.
+        labels: The texts.
+        drawn: Points on paper that no text should hide.
+        letter: Width of a letter, as a share of its height.
+        padding: Room around a text, points.
+        join: Look of the line from a text to a point far from it.
+    """
+    frame = Bbox(axes.get_window_extent().get_points() * 72.0 / root_figure(axes).dpi)
+    lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
+    written: list[Bbox] = []
+    for text, at, (x, y), look in labels:
+        offset, box = free_spot(x, y, letter * FONT * len(text), lines, written, frame)
+        written.append(box.padded(*padding))
+        arrow = {"arrowstyle": "-", **join} if math.hypot(*offset) > FAR else None
+        label = axes.annotate(
+            text, at, xytext=offset, textcoords="offset points", ha=alignment(offset), va="bottom",
+            arrowprops=arrow, **look,
+        )  # fmt: skip
+        label.set_in_layout(False)  # the positions are computed for the axes as they are
 
 
 def free_spot(

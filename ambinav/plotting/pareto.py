@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Final
 
 import numpy as np
@@ -10,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import Bbox
 
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure, root_figure
-from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot, touching
+from ambinav.plotting.canvas import chart, foot, head, new_figure
+from ambinav.plotting.labels import FONT, Labelled, along, on_paper, touching, write_labels
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.pareto import ParetoFront
 from ambinav.runtime.array_types import Bools, Floats
@@ -45,12 +43,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     count = 4 if forecast else 3
     figure = new_figure(4.8 * count, 4.8)
     panels = figure.subplots(1, count).tolist()
-    figure.suptitle(
-        title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}",
-        x=0.01,
-        ha="left",
-        fontsize=13,
-    )
+    head(figure, title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}")
     extra, dominated = 100.0 * np.array(front.extra), np.array(front.dominated)
     floors = [BadFloor.of(point.route) for point in front.points]
     exposure = np.array([point.route.exposure for point in front.points])
@@ -84,9 +77,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
         )
     handles.append(Line2D([], [], color=LONGEST_COLOUR, label="longest stretch", **_LONGEST))
     handles.append(Line2D([], [], linestyle="none", label="numbers: weight"))
-    figure.legend(
-        handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
-    )
+    foot(figure, handles)
     # Positions are final only now, and labels depend on them.
     figure.draw_without_rendering()
     weights = [f"{point.weight:g}" for point in front.points]
@@ -100,10 +91,7 @@ def _frame(axes: Axes, label: str) -> None:
     axes.set_ylabel(label, fontsize=FONT + 1)
     axes.tick_params(labelsize=FONT)
     axes.xaxis.set_major_locator(MaxNLocator(6))
-    axes.grid(color="#DDDDDD", linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    chart(axes)
 
 
 def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Bools) -> None:
@@ -150,34 +138,21 @@ def _label(
     weights: list[str],
 ) -> None:
     """Draw weights beside their points without overlap; touching points share a label."""
-    scale = 72.0 / root_figure(axes).dpi
-    place = axes.transData.transform(np.column_stack([extra, values])) * scale
-    inside = axes.get_window_extent()
-    frame = Bbox(inside.get_points() * scale)
+    place = on_paper(axes, np.column_stack([extra, values]))
     drawn = [*place, *along(place[best])]
     if longest is not None and np.isfinite(longest).all():
-        lower = axes.transData.transform(np.column_stack([extra, longest])) * scale
-        drawn += [*along(lower[best])]
-    lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
-    written: list[Bbox] = []
-    for group in touching(place):
-        text = _weights_text([weights[i] for i in group])
-        x, y = place[group].mean(axis=0)
-        offset, box = free_spot(x, y, 0.65 * FONT * len(text), lines, written, frame)
-        written.append(box.padded(4.0, 1.0))
-        far = math.hypot(*offset) > FAR
-        label = axes.annotate(
-            text,
+        drawn += [*along(on_paper(axes, np.column_stack([extra, longest]))[best])]
+    labels = (
+        Labelled(
+            _weights_text([weights[i] for i in group]),
             (float(extra[group].mean()), float(values[group].mean())),
-            xytext=offset,
-            textcoords="offset points",
-            ha=alignment(offset),
-            va="bottom",
-            fontsize=FONT,
-            zorder=5,
-            arrowprops={"arrowstyle": "-", "color": "#777777", "lw": 0.8} if far else None,
+            place[group].mean(axis=0),
+            {"fontsize": FONT, "zorder": 5},
         )
-        label.set_in_layout(False)  # the positions are computed for the axes as they are
+        for group in touching(place)
+    )
+    join = {"color": "#777777", "lw": 0.8}
+    write_labels(axes, labels, drawn, letter=0.65, padding=(4.0, 1.0), join=join)
 
 
 def _weights_text(weights: list[str]) -> str:

@@ -18,9 +18,9 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
-from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure, colour_patch, unexplored_patch
+from ambinav.plotting.floor import FloorFigure, zone_patches, zoneless_patches
+from ambinav.plotting.labels import on_paper
 from ambinav.plotting.maps import paint_zone_codes
 from ambinav.runtime.array_types import Bounds, Bytes, Floats, Ints
 
@@ -104,8 +104,7 @@ def plot_placement(
         # Where an obstacle stands there is no zone.
         paint_zone_codes(floor, zone, parts)
 
-    entries = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
-    return plot_state(amap, paint, entries, parts, shown, placed=placed)
+    return plot_state(amap, paint, zone_patches(), parts, shown, placed=placed)
 
 
 def plot_state(
@@ -141,7 +140,7 @@ def plot_state(
     if placed:
         _draw_obstacles(floor, shown)
     lines = floor.reflector_lines()
-    floor.legend([*entries, *_part_entries(parts), *lines, *_entries(shown)], below=True)
+    floor.legend([*entries, *zoneless_patches([parts]), *lines, *_entries(shown)], below=True)
     return floor.finish()
 
 
@@ -149,8 +148,7 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
     """Draw each obstacle to scale, at least as large as a mark, with its number beside it."""
     axes = floor.axes
     corners, at = (
-        _on_paper(floor, np.reshape(floor.bounds, (2, 2))),
-        _on_paper(floor, shown.middles),
+        on_paper(axes, points) for points in (np.reshape(floor.bounds, (2, 2)), shown.middles)
     )
     metre = float((corners[1, 0] - corners[0, 0]) / (floor.bounds[2] - floor.bounds[0]))
     for outline, kind, (x, y) in zip(
@@ -167,7 +165,7 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
         *(poses[:, :2] for poses in shown.routes),
     ]
     lines = np.concatenate(kept_off)
-    spots = label_spots(at, corners, _on_paper(floor, lines)) - at
+    spots = label_spots(at, corners, on_paper(axes, lines)) - at
     numbers = shown.numbers or range(1, len(spots) + 1)
     for number, (x, y), spot in zip(numbers, shown.middles.tolist(), spots, strict=True):
         axes.annotate(
@@ -176,11 +174,6 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
             arrowprops={"arrowstyle": "-", "color": "black", "linewidth": 1.0, "shrinkB": 0.0,
                         "zorder": 9},
         )  # fmt: skip
-
-
-def _on_paper(floor: FloorFigure, points: Floats) -> Floats:
-    """Convert points of the floor (N, 2) to points on paper, 72 an inch."""
-    return np.asarray(floor.axes.transData.transform(points) * 72.0 / floor.axes.figure.dpi)
 
 
 def label_spots(at: Floats, corners: Floats, lines: Floats) -> Floats:
@@ -241,15 +234,6 @@ def _obstacle_style(kind: str, reflective: bool) -> dict[str, Any]:
         "solid_capstyle": "butt",
         "path_effects": [Stroke(linewidth=BAR + 2.0 * RIM, foreground=rim), Normal()],
     }
-
-
-def _part_entries(parts: JudgedFloor) -> list[Artist]:
-    entries = list[Artist]()
-    if parts.unexplored.any():
-        entries.append(unexplored_patch("unexplored"))
-    if parts.unreachable.any():
-        entries.append(colour_patch(style.UNREACHABLE, "not reachable"))
-    return entries
 
 
 def _entries(shown: PlacementView) -> list[Artist]:

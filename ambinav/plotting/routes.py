@@ -15,10 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, Heading, colour_patch, label_points
+from ambinav.plotting.floor import FloorFigure, Heading, label_points, zone_patches
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
@@ -92,8 +91,7 @@ def plot_routes(
     numbered = [(*stop, str(k)) for k, stop in enumerate(stops, start=1)]
     label_points(floor.axes, [*starts, *numbered, *goals])
     if legend:
-        zones = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
-        floor.legend(zones + floor.part_patches(amap.judged) + floor.outside_patches())
+        floor.legend(zone_patches() + floor.part_patches(amap.judged) + floor.outside_patches())
         handles = [route_line(look, width) for look, width in lines]
         for handle, group in zip(handles, groups, strict=True):
             handle.set_label(describe(group))

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from ambinav.plotting.canvas import new_figure
+from ambinav.drive.bootstrap import Interval
+from ambinav.plotting.canvas import head, new_figure
 from ambinav.plotting.style import Mark
 
 _ROW: Final = 0.27
 """Inches of a row."""
 _BETWEEN: Final = 0.4
 """Room between two groups, rows."""
-
-
-class Interval(Protocol):
-    """A figure and its interval; `ambinav.drive.bootstrap.Interval` is one."""
-
-    @property
-    def value(self) -> float:
-        """The figure; nan if there is none."""
-
-    @property
-    def low(self) -> float:
-        """Lower end."""
-
-    @property
-    def high(self) -> float:
-        """Upper end."""
 
 
 class RowChart:
@@ -84,7 +69,7 @@ class RowChart:
                 va="center", xycoords=first.get_yaxis_transform(), textcoords="offset points",
                 fontsize=10, fontweight="bold", annotation_clip=False,
             )  # fmt: skip
-        self.figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+        head(self.figure, title)
 
 
 def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
-from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path
@@ -19,8 +18,9 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure
+from ambinav.plotting.floor import FloorFigure, blend_white
 from ambinav.runtime.array_types import Bools, Bounds, Floats
+from ambinav.sensing.sight import Sight
 
 Point = tuple[float, float]
 
@@ -28,55 +28,13 @@ LONGEST: Final = 6.4
 """Inches of a picture of its own."""
 _MANY = 120
 """Beams of a fan that is drawn as an area: single lines would fill the picture."""
-
-
-class Scan(Protocol):
-    """One scan in the map frame, B beams; `ambinav.studies.audit.sight.Sight` is one."""
-
-    @property
-    def x(self) -> float:
-        """Metres; where the robot is."""
-
-    @property
-    def y(self) -> float:
-        """Metres."""
-
-    @property
-    def theta(self) -> float:
-        """Heading, radians."""
-
-    @property
-    def origin(self) -> Floats:
-        """(B, 2) metres; where each beam starts."""
-
-    @property
-    def axis(self) -> Floats:
-        """(B,) radians; where each beam points."""
-
-    @property
-    def aperture(self) -> Floats:
-        """(B,) radians; full angle of each beam's cone, 0 for a laser."""
-
-    @property
-    def max_range(self) -> Floats:
-        """(B,) metres."""
-
-    @property
-    def distance(self) -> Floats:
-        """(B,) metres; inf without echo."""
-
-    @property
-    def hit(self) -> Floats:
-        """(B, 2) metres; NaN without echo."""
-
-    @property
-    def frontier(self) -> Bools:
-        """(B,) True where the beam ends at unknown space, not at a wall."""
+_PALE: Final = 0.45
+"""Share of the colour in such an area."""
 
 
 def plot_scan(
     amap: AmbiguityMap,
-    scan: Scan,
+    scan: Sight,
     ax: Axes | None = None,
     *,
     slide: tuple[float, float] | None = None,
@@ -115,7 +73,7 @@ def plot_scan(
     return floor.finish()
 
 
-def _reach(scan: Scan) -> float:
+def _reach(scan: Sight) -> float:
     """Return half the side of the picture, metres: all beams, or with a long range all echoes."""
     echoes = scan.distance[np.isfinite(scan.distance)]
     longest = float(scan.max_range.max())
@@ -134,7 +92,7 @@ def _draw_free(axes: Axes, free: BaseGeometry, bounds: Bounds) -> None:
             axes.add_patch(PathPatch(outline, facecolor=style.FLOOR, linewidth=0, zorder=1.0))
 
 
-def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None:
+def _draw_beams(axes: Axes, scan: Sight, returned: Bools, unknown: Bools) -> None:
     few = scan.axis.size <= _MANY
     end = scan.origin + scan.max_range[:, None] * np.column_stack(
         [np.cos(scan.axis), np.sin(scan.axis)]
@@ -163,7 +121,7 @@ def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None
             # Opaque and not smoothed, so that no seam shows where two triangles touch.
             PolyCollection(
                 list(_beam_triangles(scan, end)[mask & area]),
-                facecolors=_blend_white(colour),
+                facecolors=blend_white(colour, _PALE),
                 linewidths=0,
                 antialiaseds=False,
                 zorder=2,
@@ -189,13 +147,7 @@ def _draw_beams(axes: Axes, scan: Scan, returned: Bools, unknown: Bools) -> None
     axes.plot(*hits.T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
 
 
-def _blend_white(colour: str) -> tuple[float, float, float]:
-    """Blend the colour with white."""
-    red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
-    return red, green, blue
-
-
-def _beam_triangles(scan: Scan, end: Floats) -> Floats:
+def _beam_triangles(scan: Sight, end: Floats) -> Floats:
     """Return (B, 3, 2) metres: triangle of each beam, as wide as the beam spacing."""
     angles = np.sort(np.mod(scan.axis, 2 * math.pi))
     half = 0.5 * float(np.median(np.diff(angles))) if angles.size > 1 else 0.0
@@ -205,7 +157,7 @@ def _beam_triangles(scan: Scan, end: Floats) -> Floats:
     return np.stack([scan.origin, scan.origin + left, scan.origin + right], axis=1)
 
 
-def _draw_robot(axes: Axes, scan: Scan, reach: float) -> None:
+def _draw_robot(axes: Axes, scan: Sight, reach: float) -> None:
     size = 0.035 * reach
     axes.add_patch(Circle((scan.x, scan.y), size, color=style.ROBOT, zorder=7))
     c, s = math.cos(scan.theta), math.sin(scan.theta)
@@ -215,7 +167,7 @@ def _draw_robot(axes: Axes, scan: Scan, reach: float) -> None:
     )
 
 
-def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float) -> None:
+def _draw_slide(axes: Axes, scan: Sight, slide: tuple[float, float], reach: float) -> None:
     angle, radius = slide
     half = max(radius, 0.18 * reach)
     dx, dy = half * math.cos(angle), half * math.sin(angle)
@@ -245,7 +197,7 @@ def _legend_entries(
     if unknown.any():
         classes.append(("to unknown", int(unknown.sum()), style.FRONTIER, {"linestyle": ":"}))
     handles: list[Artist] = [
-        Patch(facecolor=_blend_white(colour), label=f"{name} ({count})")
+        Patch(facecolor=blend_white(colour, _PALE), label=f"{name} ({count})")
         if returned.size > _MANY
         else Line2D([], [], color=colour, label=f"{name} ({count})", **line)
         for name, count, colour, line in classes

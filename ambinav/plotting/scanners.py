@@ -18,8 +18,8 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import TOO_CLOSE, JudgedFloor
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import FloorFigure, colour_patch, unexplored_patch, view
+from ambinav.plotting.canvas import foot, new_figure
+from ambinav.plotting.floor import FloorFigure, colour_patch, view, zone_patches, zoneless_patches
 from ambinav.plotting.maps import paint_zone_codes
 from ambinav.plotting.rows import RowChart
 from ambinav.runtime.array_types import Bytes
@@ -92,9 +92,7 @@ def plot_scanner_bars(rows: Sequence[ScannerBars], heading: str, title: str) -> 
         stretch.set_xlabel("longest open stretch of a route (m)")
         handles += _draw_errors(error, chart.places, rows)
     handles.append(Line2D([], [], linestyle="none", label="black name: not dominated"))
-    chart.figure.legend(
-        handles=handles, loc="outside lower left", frameon=False, fontsize=9.5, ncol=len(handles)
-    )
+    foot(chart.figure, handles, font=9.5)
     return chart.figure
 
 
@@ -134,8 +132,9 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
         axes.set_title(floor.title, fontsize=_title_size(w, floor.title), loc="left", pad=3.0)
     figure.suptitle(title, x=0.0, y=1.0, ha="left", va="top", fontsize=13)
+    handles = zone_patches() + zoneless_patches(floor.parts for floor in floors)
     figure.legend(
-        handles=_zone_legend(floors), loc="lower left", bbox_to_anchor=(0.0, 0.0), frameon=False,
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.0), frameon=False,
         fontsize=9.5, ncol=6 if across > 7.0 else 3, borderaxespad=0.0,
     )  # fmt: skip
     return figure
@@ -191,17 +190,6 @@ def _draw_errors(axes: Axes, places: Sequence[float], rows: Sequence[ScannerBars
         Line2D([], [], marker="o", color=ERROR_COLOUR, linestyle="none", label="mean error"),
         Line2D([], [], marker="X", color=WORST_COLOUR, linestyle="none", label="largest error"),
     ]
-
-
-def _zone_legend(floors: Sequence[ScannerFloor]) -> list[Artist]:
-    handles: list[Artist] = [
-        colour_patch(colour, name) for colour, name in zip(style.ZONE_COLOURS, ZONES, strict=True)
-    ]
-    if any(floor.parts.unexplored.any() for floor in floors):
-        handles.append(unexplored_patch("unexplored"))
-    if any(floor.parts.unreachable.any() for floor in floors):
-        handles.append(colour_patch(style.UNREACHABLE, "not reachable"))
-    return handles
 
 
 def _columns(count: int, width: float, height: float) -> int:

@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from ambinav.geometry.segments import FRONTIER
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
-from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.canvas import foot, head, new_figure
 from ambinav.runtime.array_types import Bytes, Floats
 
 _FONT: Final = 10
@@ -83,7 +83,7 @@ def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
     """Draw levels and shares of zones over each variable, one row for each."""
     figure = new_figure(11.5, 1.3 + 3.1 * len(curves), h_pad=0.12, w_pad=0.12)
     rows = figure.subplots(len(curves), 2, squeeze=False).tolist()
-    figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+    head(figure, title)
     for curve, (left, right) in zip(curves, rows, strict=True):
         for axes in (left, right):
             axes.set_xlabel(curve.label, fontsize=_FONT)
@@ -122,14 +122,14 @@ def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
     handles.append(Line2D([], [], label="best setting", **_BEST))
     if any(curve.present is not None for curve in curves):
         handles.append(Line2D([], [], label="value of the present scanner", **_PRESENT_LINE))
-    figure.legend(handles=handles, loc="outside lower left", frameon=False, fontsize=_FONT, ncol=5)
+    foot(figure, handles, 5)
     return figure
 
 
 def plot_grid(grid: Grid, title: str) -> Figure:
     """Draw each figure as a heat map, dark is bad; a star marks the best setting."""
     figure = new_figure(12.0, 9.2, h_pad=0.12, w_pad=0.12)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+    head(figure, title)
     panels = figure.subplots(2, 2).ravel().tolist()
     for axes, (name, values, is_share) in zip(panels, grid.panels, strict=True):
         low, high = _scale_ends(values)
@@ -157,7 +157,7 @@ def plot_grid(grid: Grid, title: str) -> Figure:
     handles = [Line2D([], [], label="best setting", **_BEST)]
     if grid.present is not None:
         handles.append(Line2D([], [], label="present scanner", **_PRESENT))
-    figure.legend(handles=handles, loc="outside lower left", frameon=False, fontsize=_FONT, ncol=2)
+    foot(figure, handles, 2)
     return figure
 
 
@@ -223,7 +223,7 @@ def plot_directions(
     ]  # fmt: skip
     if (kind == FRONTIER).any():
         handles.append(Line2D([], [], color=style.FRONTIER, linewidth=1.2, label="edge of the map"))
-    figure.legend(handles=handles, loc="outside lower left", frameon=False, fontsize=_FONT, ncol=3)
+    foot(figure, handles, 3)
     return figure
 
 

@@ -10,11 +10,13 @@ from collections.abc import Callable
 from typing import Final
 
 
-def percent(share: float) -> str:
-    """Format a share as a whole percentage, with one decimal below 1 %.
+def percent(share: float | None) -> str:
+    """Format a share as a whole percentage, with one decimal below 1 %; none as a dash.
 
     It is rounded as in documents first, so that what they keep reads the same.
     """
+    if share is None:
+        return "\N{EN DASH}"
     share = share if share < 0.001 else round(share, 4)
     if 0.0 < share < 0.001:
         return "less than 0.1 %"

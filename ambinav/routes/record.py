@@ -82,6 +82,8 @@ _CODES: Final[dict[Zone, int]] = {
     "open": OPEN,
     "unexplored": NOT_FREE,
 }
+_SAME: Final = {field.name for field in fields(Route)} & set(Figures.model_fields)
+"""Fields that are called the same in a file."""
 _NAMES: Final = {code: name for name, code in _CODES.items()}
 
 
@@ -93,9 +95,8 @@ def figures(route: Route) -> Figures:
     """
     if math.isnan(route.length):
         raise InputError("the route is not measured; `evaluate_route` measures it on a map.")
-    same = {field.name for field in fields(route)} & set(Figures.model_fields)
     return Figures.model_validate(
-        {name: getattr(route, name) for name in same}
+        {name: getattr(route, name) for name in _SAME}
         | {f"{name}_m": metres for name, metres in route.zone_metres.items()}
         | {
             "space": route.steering.space,
@@ -162,17 +163,9 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
     return Route(
         poses=np.array([(point.x, point.y, point.theta) for point in points]),
         steering=steering,
-        planner=saved.planner,
-        seed=saved.seed,
-        environment=saved.environment,
-        scanner=saved.scanner,
-        layer=saved.layer,
-        weight=saved.weight,
-        power=saved.power,
-        clearance_weight=saved.clearance_weight,
+        **{name: getattr(saved, name) for name in _SAME},
         comfort=saved.comfort_m,
         length=saved.length_m,
-        cost=saved.cost,
         exposure=saved.exposure_m,
         zone_metres={name: getattr(saved, f"{name}_m") for name in ZONES},
         unexplored_metres=saved.unexplored_m,
@@ -184,13 +177,8 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         spent=np.array([point.cost for point in points]),
         levels=np.array([point.level for point in points]),
         zones=np.array([_CODES[point.zone] for point in points], dtype=np.uint8),
-        seconds=saved.seconds,
-        first_seconds=saved.first_seconds,
-        iterations=saved.iterations,
-        curve=saved.curve,
         covariances=covariances,
         stamps=np.array(stamps) if stamps else None,
-        speed_limits=saved.speed_limits,
     )
 
 

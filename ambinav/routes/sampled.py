@@ -31,7 +31,7 @@ from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import UNEXPLORED
 from ambinav.routes.route import Route
-from ambinav.runtime.array_types import Bools, Floats, Indices
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints, Ints32
 from ambinav.runtime.errors import InputError, InputWarning
 
 PLANNER: Final = "shortest, sampled"
@@ -96,7 +96,7 @@ class PlaceGraph:
             raise _no_places(environment, reach, step)
         lattice = lattice.among(kept)
         points = np.column_stack(lattice.points)
-        pairs = _neighbours(lattice)
+        pairs = neighbour_pairs(lattice.index)
         pairs = pairs[checker.motions_free(*(_poses(points[pairs[:, end]]) for end in (0, 1)))]
         metres = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
         count = len(points)
@@ -240,19 +240,20 @@ def explored(environment: Environment, x: Floats, y: Floats) -> Bools:
     return np.asarray((ends[segment] & (segment >= 0)).mean(axis=1) < UNEXPLORED)
 
 
-def _neighbours(lattice: Lattice) -> Indices:
-    """Return pairs of adjacent free points, diagonals included, each once, shape (P, 2)."""
-    index, place = lattice.index, lattice.rows_columns
+def neighbour_pairs(index: Ints | Ints32) -> Indices:
+    """Return pairs of adjacent points of a lattice, diagonals included, each once, shape (P, 2).
+
+    Args:
+        index: Number of each point, -1 where there is none, shape (rows, columns).
+    """
     rows, columns = index.shape
     pairs = []
-    for right, up in STEPS[:4].tolist():
-        row, column = place[:, 0] + up, place[:, 1] + right
-        near = np.full(len(place), -1)
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        near[inside] = index[row[inside], column[inside]]
-        first = np.flatnonzero(near >= 0)
-        pairs.append(np.column_stack([first, near[first]]))
-    return np.concatenate(pairs)
+    for up, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        first = index[: rows - up, max(-right, 0) : columns - max(right, 0)]
+        second = index[up:, max(right, 0) : columns + min(right, 0)]
+        both = (first >= 0) & (second >= 0)
+        pairs.append(np.column_stack([first[both], second[both]]))
+    return np.concatenate(pairs).astype(np.intp)
 
 
 def _poses(points: Floats) -> Floats:

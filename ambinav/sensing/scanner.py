@@ -303,7 +303,9 @@ class RangeScanner(Beams):
 
     @property
     def aperture(self) -> float:
-        """Field of view in radians: a turn less the widest gap between the beams' axes.
+        """Angle of the beams' axes in radians: a turn less the widest gap between them.
+
+        A cone sensor sees farther to both sides: `ambinav.sensing.preset_summary.field_of_view`.
 
         Where the scanner looks all around, or a part of it spans the circle, it is 2 pi.
         """

@@ -21,8 +21,8 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
-from ambinav.service.service import AmbiguityService
+from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_map
+from ambinav.service.service import AmbiguityService, Pose
 
 T = TypeVar("T")
 
@@ -203,17 +203,6 @@ class Client(AmbiguityService):
         return other
 
     @overload
-    def cost(self, x: Scalar, y: Scalar, theta: Scalar | None = None) -> float: ...
-
-    @overload
-    def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats: ...
-
-    def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
-        """Return the cost per metre at poses, see `AmbiguityService.cost`."""
-        query = {"layer": self.layer, "weight": repr(self.weight)}
-        return self._request_rows("cost", POSE_COLUMNS, (x, y, theta), query)
-
-    @overload
     def level(
         self, x: Scalar, y: Scalar, theta: Scalar | None = None, *, layer: str | None = None
     ) -> float: ...
@@ -241,41 +230,12 @@ class Client(AmbiguityService):
             "level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer}
         )
 
-    @overload
-    def reward(
-        self,
-        x0: Scalar,
-        y0: Scalar,
-        x1: Scalar,
-        y1: Scalar,
-        theta0: Scalar | None = None,
-        theta1: Scalar | None = None,
-        steering: Steering | None = None,
-    ) -> float: ...
+    def _cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None) -> Floats | float:
+        query = {"layer": self.layer, "weight": repr(self.weight)}
+        return self._request_rows("cost", POSE_COLUMNS, (x, y, theta), query)
 
-    @overload
-    def reward(
-        self,
-        x0: ArrayLike,
-        y0: ArrayLike,
-        x1: ArrayLike,
-        y1: ArrayLike,
-        theta0: ArrayLike | None = None,
-        theta1: ArrayLike | None = None,
-        steering: Steering | None = None,
-    ) -> Floats: ...
-
-    def reward(
-        self,
-        x0: ArrayLike,
-        y0: ArrayLike,
-        x1: ArrayLike,
-        y1: ArrayLike,
-        theta0: ArrayLike | None = None,
-        theta1: ArrayLike | None = None,
-        steering: Steering | None = None,
-    ) -> Floats | float:
-        """Return minus the layer integrated over steps, see `AmbiguityService.reward`."""
+    def _reward(self, start: Pose, end: Pose, steering: Steering | None) -> Floats | float:
+        (x0, y0, theta0), (x1, y1, theta1) = start, end
         query = {"layer": self.layer}
         if steering is not None:
             query |= {"steering": steering.space, "turning_radius": repr(steering.radius)}
@@ -372,7 +332,7 @@ class Client(AmbiguityService):
                         file.write(piece)
 
             self._repeated(attempt)
-            return AmbiguityMap(read_dataset(path), source=f"{self._given[0]}{address}")
+            return read_map(path, f"{self._given[0]}{address}")
 
     def _unanswered(self, error: Exception) -> ServerError:
         found = ServerError(f"{self._given[0]}: no server answers there ({type(error).__name__}).")

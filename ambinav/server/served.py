@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import threading
@@ -153,12 +152,6 @@ class ServedMap:
         part = data.isel(x=slice(column, column + 4), y=slice(row, row + 4))
         return AmbiguityMap(part, source=amap.source)
 
-    @property
-    def parameters(self) -> dict[str, object]:
-        """Parameters with which the map was computed."""
-        parameters: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
-        return parameters
-
 
 def digest_of_map(served: ServedMap) -> str:
     """Return `ServedMap.digest`."""
@@ -251,8 +244,8 @@ class ServedMaps:
 
 
 def slug(text: str) -> str:
-    """Convert a text to a name for addresses: lower-case letters, digits and single dashes."""
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "map"
+    """Convert a text to a name for addresses: letters, digits, underscores and single dashes."""
+    return re.sub(r"[^A-Za-z0-9_]+", "-", text).strip("-") or "map"
 
 
 def layer_kind(layer: str) -> str:

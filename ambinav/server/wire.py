@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 
@@ -78,8 +79,8 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
         np.savez(file, **{ABOUT: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
 
 
-def read_dataset(path: Path) -> xr.Dataset:
-    """Read what `write_dataset` wrote.
+def read_map(path: Path, source: str) -> AmbiguityMap:
+    """Read the map of a dataset that `write_dataset` wrote; `source` names it in messages.
 
     Raises:
         InputError: it is no such file.
@@ -92,6 +93,7 @@ def read_dataset(path: Path) -> xr.Dataset:
                 for name, entry in about["variables"].items()
             }
             coords = {name: variables.pop(name) for name in about["coords"]}
-            return xr.Dataset(variables, coords, about["attrs"])
+            dataset = xr.Dataset(variables, coords, about["attrs"])
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path.name}: not an ambiguity map sent by ambinav.") from error
+    return AmbiguityMap(dataset, source=source)

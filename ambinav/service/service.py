@@ -22,6 +22,9 @@ from ambinav.runtime.scalars import Scalar
 from ambinav.service.field import Field, check_cost, nearest_possible
 from ambinav.service.motion import motion_integrals
 
+Pose = tuple[ArrayLike, ArrayLike, ArrayLike | None]
+"""x, y and theta: arrays broadcast; None: no heading."""
+
 
 class AmbiguityService:
     """Cost and reward computed from one layer of an ambiguity map.
@@ -132,9 +135,7 @@ class AmbiguityService:
         Raises:
             InputError: the layer depends on the heading and theta is missing.
         """
-        shape, (x, y, theta) = self._poses(x, y, theta)
-        value = self.density.at(x, y, theta, math.inf)
-        return value.reshape(shape) if shape else float(value[0])
+        return self._cost(x, y, theta)
 
     def gradient(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats:
         """Compute `cost`'s derivative by x, y, shape (..., 2), per metre; nan where not free."""
@@ -193,7 +194,7 @@ class AmbiguityService:
         Raises:
             InputError: a heading is missing, or something is not finite.
         """
-        return self._integrate(self.density, x0, y0, x1, y1, theta0, theta1, steering)
+        return self._integrate(self.density, (x0, y0, theta0), (x1, y1, theta1), steering)
 
     @overload
     def reward(
@@ -230,8 +231,7 @@ class AmbiguityService:
         steering: Steering | None = None,
     ) -> Floats | float:
         """Compute minus the layer's integral over the step, at most 0; see `motion_cost`."""
-        exposure = self._integrate(self.ambiguity, x0, y0, x1, y1, theta0, theta1, steering)
-        return 0.0 - exposure
+        return self._reward((x0, y0, theta0), (x1, y1, theta1), steering)
 
     def route_cost(self, poses: ArrayLike, steering: Steering | None = None) -> float:
         """Compute the cost of a route in equivalent metres: the sum over its motions.
@@ -287,17 +287,18 @@ class AmbiguityService:
         """Compute the exposure that `motion_costs` weights: layer^power times metres, (N,)."""
         return _motions(self.graded, a, b, steering)
 
+    def _cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None) -> Floats | float:
+        shape, (x, y, theta) = self._poses(x, y, theta)
+        value = self.density.at(x, y, theta, math.inf)
+        return value.reshape(shape) if shape else float(value[0])
+
+    def _reward(self, start: Pose, end: Pose, steering: Steering | None) -> Floats | float:
+        return 0.0 - self._integrate(self.ambiguity, start, end, steering)
+
     def _integrate(
-        self,
-        field: Field,
-        x0: ArrayLike,
-        y0: ArrayLike,
-        x1: ArrayLike,
-        y1: ArrayLike,
-        theta0: ArrayLike | None,
-        theta1: ArrayLike | None,
-        steering: Steering | None,
+        self, field: Field, start: Pose, end: Pose, steering: Steering | None
     ) -> Floats | float:
+        (x0, y0, theta0), (x1, y1, theta1) = start, end
         if steering is not None and steering.turns and (theta0 is None or theta1 is None):
             raise InputError(f"{steering.space} needs headings; give theta0 and theta1.")
         if steering is None or steering.kind != FACING:
@@ -305,8 +306,8 @@ class AmbiguityService:
             self._need_heading(theta1)
         given = {"x0": x0, "y0": y0, "theta0": theta0, "x1": x1, "y1": y1, "theta1": theta1}
         shape, ends = _flat(**given)
-        for name, end in zip(given, ends, strict=True):
-            if not np.isfinite(end).all():
+        for name, values in zip(given, ends, strict=True):
+            if not np.isfinite(values).all():
                 raise InputError(f"{name} is not finite; give metres and radians.")
         xa, ya, ta, xb, yb, tb = ends
         total = field.integral(xa, ya, ta, xb, yb, tb, steering)

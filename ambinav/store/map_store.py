@@ -196,12 +196,15 @@ class MapStore:
             return None
         with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
             os.utime(path)
+        return amap
+
+    def note_opened(self, key: str, amap: AmbiguityMap) -> None:
+        """Say that a map was opened, by the names that it has now: it may be kept under others."""
         if self.notify is not None:
             self.notify(
                 f"the map of {amap.dataset.attrs['environment']} for "
-                f"{amap.dataset.attrs['scanner']} is opened from the store ({path})."
+                f"{amap.dataset.attrs['scanner']} is opened from the store ({self.path(key)})."
             )
-        return amap
 
     def set_aside(self, key: str) -> Path:
         """Rename a damaged entry, replacing an older one of that kind; return the new path."""

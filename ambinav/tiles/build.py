@@ -19,7 +19,7 @@ from ambinav.ambiguity.dataset import judged_radius, labels, with_building
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import MapSettings, reporter
-from ambinav.map_building.same_code import SameCode
+from ambinav.map_building.same_code import do_all
 from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
@@ -28,11 +28,8 @@ from ambinav.maps.store import check_target
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import move_onto
-from ambinav.runtime.processes import processors
 from ambinav.runtime.progress import Progress
 from ambinav.runtime.runfolder import RunFolder
-from ambinav.runtime.work_queue import do_here
-from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.tiles.claim import claimed
 from ambinav.tiles.job import Tile
@@ -128,16 +125,7 @@ def run_plan(
     try:
         with reporter(progress, title) as report, _store_at(plan, address) as store:
             queue = _queue(plan, store, report)
-            work = TileWork(plan.job, store)
-            if scheduler is not None:
-                from ambinav.runtime.cluster import do_on_cluster
-
-                checked = SameCode(work, computing_digest())
-                do_on_cluster(queue, checked, scheduler, "--scheduler")
-            elif workers == 0:
-                do_here(queue, work)
-            else:
-                do_in_processes(queue, work, workers or processors())
+            do_all(queue, TileWork(plan.job, store), computing_digest(), workers, scheduler)
             settings = plan.job.settings
             radius = judged_radius(settings.scanner, settings.model)
             judge = FloorJudge.for_robot(plan.environment, radius)

@@ -31,7 +31,7 @@ class Certificate:
     Attributes:
         cost: Cost of the route, metres-equivalent.
         bound: Lower bound of the cost of all routes from its start to its goal.
-        cell: Edge of the finest cells on which the bound was proved, metres.
+        cell: Edge of the finest cells on which the bound was proved, metres; 0: without any.
         seconds: Time that the proof took.
     """
 

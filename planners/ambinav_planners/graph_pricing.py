@@ -115,8 +115,9 @@ class PricedGraph:
 
         text = "Dijkstra over the edges of a route graph"
         return Planner(
-            "route-graph", solve, text, spaces=("r2",), uses_ompl=False, keeps_limit=True
-        )
+            "route-graph", solve, text, spaces=("r2",), uses_ompl=False, keeps_limit=True,
+            uses_budget=False,
+        )  # fmt: skip
 
     def costs_between(self, places: list[Pose], weight: float) -> Floats:
         """Return the costs of the cheapest routes between places, shape (K, K)."""

@@ -181,10 +181,9 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     except (TypeError, ValueError):
         raise InputError(f"{name} is {pose!r}; give x and y in metres.") from None
     if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
-        raise InputError(
-            f"{name} is {tuple(values)}; give x and y in metres, and a heading in radians if it "
-            "matters."
-        )
+        turned = checker.steering.space != "r2" or len(values) > 2
+        more = ", and a heading in radians if it matters" if turned else ""
+        raise InputError(f"{name} is {tuple(values)}; give x and y in metres{more}.")
     x, y, theta = (*values, 0.0)[:3]
     reason = checker.why_not(x, y, theta) or _beyond_a_wall(x, y, theta, checker)
     if reason is None:

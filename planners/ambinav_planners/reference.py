@@ -146,4 +146,5 @@ REFERENCE = Planner(
     spaces=("r2",),
     uses_ompl=False,
     keeps_limit=True,
+    uses_budget=False,
 )

@@ -98,6 +98,7 @@ class Planner:
         minimises_cost: Whether it looks for the least cost, and not for something else.
         make: Makes OMPL's planner, if OMPL itself solves with it, else None.
         one_way: Whether it is right where a motion costs more in one direction than in the other.
+        uses_budget: Whether it looks at seconds, iterations or seed of its budget.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Planner:
     one_way: bool = True
     minimises_cost: bool = True
     make: Callable[[Any], Any] | None = None
+    uses_budget: bool = True
 
 
 _OWN = {

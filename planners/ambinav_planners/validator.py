@@ -41,6 +41,9 @@ class FootprintMotionValidator(ob.MotionValidator):
 
     Exact for discs on straight motions; see `ambinav.geometry.collision.checker` for the others.
 
+    Planners of OMPL take a motion to be free if its way back is. In r2, where the robot faces its
+    travel, a motion of a polygon that half a turn changes is free only if both are.
+
     Two Reeds-Shepp curves may be equally long, and OMPL's `interpolate` then may follow another one
     than ambinav does. A motion is free if both are.
 
@@ -61,6 +64,7 @@ class FootprintMotionValidator(ob.MotionValidator):
         self._arrays = checker.arrays
         zeros = (0.0,) * 6
         self._free = machine_code(motion_free, self._kind, self._radius, *zeros, *self._arrays)
+        self._back = checker.is_directed and not self._with_heading
         self._both = both and checker.steering.space == "reeds-shepp"
         if self._both:
             self._at = machine_code(curve_pose, self._kind, self._radius, *zeros, 0.0)
@@ -72,7 +76,10 @@ class FootprintMotionValidator(ob.MotionValidator):
             ends = a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()
             free = bool(self._free(self._kind, self._radius, *ends, *self._arrays))
             return free and (not self._both or self._is_free_by_ompl(a, b, ends))
-        return bool(self._free(0, None, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
+        free = bool(self._free(0, None, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
+        if free and self._back:
+            return bool(self._free(0, None, b[0], b[1], 0.0, a[0], a[1], 0.0, *self._arrays))
+        return free
 
     def _is_free_by_ompl(self, a: Any, b: Any, ends: tuple[float, ...]) -> bool:
         """Return whether OMPL's curve is ambinav's, which is free, or else free in short pieces."""

@@ -23,14 +23,14 @@ def test_drawn(demo: Environment, laser: RangeScanner, angle: float) -> None:
 
 
 @pytest.mark.slow(kept=("3",))
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(8))
 def test_recorded(data_dir: Path, laser: RangeScanner, part: int) -> None:
     """Every map of the folder: its fitted walls, rasterised anew."""
     paths = sorted(data_dir.glob("*maps*/*.yaml"))
     assert len(paths) >= 30
     most = {
         path.stem: max(medians(environment_from_grid(busiest(load_map_server(path))), laser))
-        for path in paths[part::4]
+        for path in paths[part::8]
     }
     print(most)
     assert {name: worst for name, worst in most.items() if not worst < MEDIAN} == {}

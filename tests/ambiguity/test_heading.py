@@ -52,8 +52,8 @@ def moments(env: Environment, scanner: RangeScanner, x: float, y: float) -> NDAr
     data = np.empty((1, 1, 5, len(table.limit)), dtype=np.float32)
     panorama_returns(env, scanner, table, np.array([x]), np.array([y]), np.zeros(1), data)
     return turning_moments(
-        Returns(data[0]), 0, 1, turns(scanner), table, table.evidence, independent_tau(scanner),
-        SPACING,
+        Returns(data[0]), np.arange(1), turns(scanner), table, table.evidence,
+        independent_tau(scanner), SPACING,
     )[0]  # fmt: skip
 
 

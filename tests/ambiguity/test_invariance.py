@@ -58,7 +58,7 @@ def agree(found: Points, most: tuple[float, float]) -> None:
     assert median <= most[0] and high <= most[1]
 
 
-@pytest.mark.slow(kept=("6", "30"))
+@pytest.mark.slow(kept=("30",))
 @pytest.mark.parametrize("degrees", [0, 6, 18, 30, 42])
 def test_turned_and_shifted(
     demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points, degrees: float

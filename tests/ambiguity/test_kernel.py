@@ -181,7 +181,7 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
     assert all(np.array_equal(np.sort(one), np.arange(scanner.beams)) for one in beams)
     begin, end = 5, 43
     found = turning_moments(
-        Returns(data[0]), begin, end, beams, table, table.evidence, TAU, SPACING
+        Returns(data[0]), np.arange(begin, end), beams, table, table.evidence, TAU, SPACING
     )
     for p in range(begin, end, 6):
         weight = moment = turned = 0.0

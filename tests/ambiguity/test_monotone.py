@@ -67,7 +67,7 @@ def warehouse() -> Environment:
 
 @pytest.mark.slow
 def test_warehouse() -> None:
-    hold(warehouse(), spacing=0.25)
+    hold(warehouse(), spacing=0.4)
 
 
 def test_the_cap_of_a_beam() -> None:
@@ -79,7 +79,7 @@ def test_the_cap_of_a_beam() -> None:
 
 
 @pytest.mark.slow(kept=("3",))
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(8))
 def test_all_maps(data_dir: Path, part: int) -> None:
-    for file in recorded.all_maps(data_dir)[part::4]:
+    for file in recorded.all_maps(data_dir)[part::8]:
         hold(piece(recorded.read(file)[0]), spacing=0.4)

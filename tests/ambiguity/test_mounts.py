@@ -104,9 +104,9 @@ def test_centimetres_off_the_centre_are_no_reason_for_headings(
 @pytest.mark.parametrize("scanner", [all_around(), FAN, SONARS], ids=["all", "fan", "sonars"])
 def test_mounts_in_a_house(house: Environment, scanner: RangeScanner) -> None:
     """With headings, asked for where the scanner needs none."""
-    centred = build_map(house, scanner, headings=8)
+    centred = build_map(house, scanner, 0.15, headings=8)
     for metres, towards in ((1e-3, 0.0), (0.032, 4.0), (0.2, 2.0)):
-        hold(centred, build_map(house, shifted(scanner, metres, towards), headings=8))
+        hold(centred, build_map(house, shifted(scanner, metres, towards), 0.15, headings=8))
 
 
 def test_shipped_scanners(house: Environment) -> None:

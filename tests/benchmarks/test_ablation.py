@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambinav.drive.bootstrap import share
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED
 
@@ -133,7 +134,22 @@ def test_maps_are_not_drawn(effects: ModuleType) -> None:
     cells = {cell: runs for cell in effects.CELLS}
     some = effects.Found("recorded maps, disturbed", "ekf", (0, 1, 2), cells)
     value = some.figure(effects.CELLS[0], "lost")
-    assert (value.value, value.low, value.high) == (50.0, 50.0, 50.0)
+    assert value.value == 50.0
+    assert (value.low, value.high) == pytest.approx((25.0, 75.0), abs=2.0)
+    length = some.figure(effects.CELLS[0], "length")
+    assert (length.value, length.low, length.high) == (1.0, 1.0, 1.0)
+
+
+def test_shares_have_score_intervals(effects: ModuleType) -> None:
+    nothing = found(effects, {})
+    value = nothing.figure(effects.Cell("fisher", 5), "collided")
+    assert value.low == 0.0 and value.high > 5.0
+    # Alike within buildings, and the same in all seeds: there are as many samples as buildings.
+    lost = np.repeat(np.arange(40) < 12, 5)
+    cells = {effects.CELLS[0]: [episodes(lost, each=5)] * 20}
+    one = found(effects, cells).figure(effects.CELLS[0], "lost")
+    buildings = share(np.arange(40) < 12).scaled(100.0)
+    assert (one.low, one.high) == pytest.approx((buildings.low, buildings.high), abs=2.0)
 
 
 def test_what_is_kept_is_what_the_study_reads(effects: ModuleType, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ REPORT = """# Title
 
 - command: `python -W ignore benchmarks/bench_x.py --out x.md`
 
-It took 12,345 steps (11,000 to 13,000).
+It took 12,345 steps (11,000 to 13,000). Lost: 4.0 (1.0 to 7.0, bootstrap) in all.
 
 ## Part
 
@@ -65,7 +65,8 @@ def test_the_page_gives_a_figure_for_each_question(measured: ModuleType) -> None
         ({"row": ["b"], "column": 1, "digits": 2}, "1.12", "0.80 to 1.30, extremes"),
         ({"row": ["b"], "column": 1, "digits": 0, "times": 100}, "112", "80 to 130, extremes"),
         ({"column": "lost", "find": ", (.*)", "pick": "sum"}, "8", "3 to 5, extremes"),
-        ({"find": r"took (.*)\."}, "12 345", "11 000 to 13 000, extremes"),
+        ({"find": r"took (.*?)\."}, "12 345", "11 000 to 13 000, extremes"),
+        ({"find": r"Lost: (.*) in"}, "4.0", "1.0 to 7.0, extremes by the bootstrap"),
     ],
 )  # fmt: skip
 @pytest.mark.usefixtures("report")

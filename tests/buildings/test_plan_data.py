@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +21,12 @@ from ambinav.geometry.segments import FRONTIER, GLASS
 from ambinav.runtime.errors import InputError
 
 
-@pytest.fixture
-def plans(data_dir: Path) -> Path:
-    return data_dir / "plans"
+@pytest.fixture(scope="module")
+def plans(data_dir: Path) -> Iterator[Path]:
+    """The folder of plans; each model is read once, and changed by nobody."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ifcopenshell, "open", functools.cache(ifcopenshell.open))
+        yield data_dir / "plans"
 
 
 def of_storey(model: Any, kind: str, storey: Any) -> list[Any]:

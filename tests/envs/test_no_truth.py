@@ -34,12 +34,14 @@ WITHOUT_ID: dict[str, dict[str, Any]] = {
 FEWER_FEATURES = tuple(f"ambinav/TwinRooms{k}-" for k in range(1, 5))
 
 
+# A twin without the map drives the same episodes and observes less.
+WITHOUT_MAP = ("ambinav/Office-NoMap-v1", "ambinav/Kidnapped-NoMap-v1")
+
+
 def marks_of(name: str) -> list[pytest.MarkDecorator]:
-    """Return the marks of an id: twins without the map or with a belief drive the same episodes."""
-    if name.startswith(FEWER_FEATURES):
-        return [pytest.mark.sweep]
-    twin = "-NoMap-" in name or name == "ambinav/TwinRooms5-Belief-v2"
-    return [pytest.mark.slow] if twin else []
+    """Return the marks of an id."""
+    twin = "-NoMap-" in name and name not in WITHOUT_MAP
+    return [pytest.mark.sweep] if twin or name.startswith(FEWER_FEATURES) else []
 
 
 NAMES = [

@@ -22,7 +22,8 @@ from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.routes.files import load_route
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
+from tests import recorded
 
 Write = Callable[..., tuple[Path, ...]]
 
@@ -112,7 +113,7 @@ def osm_polygons(path: Path) -> list[tuple[shapely.Polygon, dict[str, str]]]:
 
 
 def test_lanelet2_xml(write: Write, amap: an.AmbiguityMap) -> None:
-    found = osm_polygons(write("zones-lanelet2", "z.osm")[0])
+    found = osm_polygons(write("zones-lanelet2", "z.osm", least_area=0.0)[0])
     x, y, zone = floor(amap)
     for name, code in (("corridor", CORRIDOR), ("open", OPEN)):
         shapes = [shape for shape, tags in found if tags["subtype"] == name]
@@ -130,7 +131,7 @@ def test_lanelet2_reads_it(write: Write) -> None:
     from lanelet2.io import Origin, load
     from lanelet2.projection import LocalCartesianProjector
 
-    path = write("zones-lanelet2", "z.osm")[0]
+    path = write("zones-lanelet2", "z.osm", least_area=0.0)[0]
     loaded = load(str(path), LocalCartesianProjector(Origin(0.0, 0.0, 0.0)))
     theirs = sorted(loaded.polygonLayer, key=lambda one: one.id)
     for one, (mine, tags) in zip(theirs, osm_polygons(path), strict=True):
@@ -140,13 +141,72 @@ def test_lanelet2_reads_it(write: Write) -> None:
         assert shapely.hausdorff_distance(mine, their) < 0.001
 
 
+def check_areas(path: Path, cell: float) -> float:
+    """Every way is a simple ring of a cell or more, and its `area_m2` is its own; their sum."""
+    polygons = osm_polygons(path)
+    for shape, tags in polygons:
+        assert shape.is_valid and shape.exterior.is_simple
+        assert shape.area >= cell * (1.0 - 1e-2)
+        assert float(tags["area_m2"]) == pytest.approx(shape.area, abs=1e-3)
+    return float(sum(shape.area for shape, _ in polygons))
+
+
+def test_lanelet2_areas_are_those_of_the_ways(write: Write, amap: an.AmbiguityMap) -> None:
+    path = write("zones-lanelet2", "z.osm", least_area=0.0)[0]
+    area = check_areas(path, amap.cell_area)
+    _, _, zone = floor(amap)
+    assert area == pytest.approx(np.isin(zone, (CORRIDOR, OPEN)).sum() * amap.cell_area, rel=0.1)
+    assert ElementTree.parse(path).getroot().get("left_out_m2") == "0"
+
+
+@pytest.mark.slow(kept=("maps_from_logs-freiburg-079-hc-sr04-0.4",))
+@pytest.mark.parametrize(
+    ("folder", "name", "preset", "spacing"),
+    [
+        ("maps_from_logs", "freiburg-079", "hc-sr04", 0.4),
+        ("maps_from_logs", "belgioioso", "turtlebot3-lds", 0.2),
+        ("maps", "stata_basement", "hc-sr04", 0.4),
+    ],
+)
+def test_lanelet2_areas_on_recorded_maps(
+    write: Write, data_dir: Path, folder: str, name: str, preset: str, spacing: float
+) -> None:
+    """Pieces with hundreds of holes: each way had the area of the whole piece in its tags."""
+    environment, _ = recorded.read(data_dir / folder / f"{name}.yaml")
+    headings = 4 if preset == "hc-sr04" else None
+    scanner = an.RangeScanner.from_preset(preset)
+    amap = an.build_map(environment, scanner, spacing=spacing, headings=headings)
+    path = write("zones-lanelet2", "z.osm", of=amap, least_area=0.0)[0]
+    area = check_areas(path, amap.cell_area)
+    _, _, zone = floor(amap)
+    assert area == pytest.approx(np.isin(zone, (CORRIDOR, OPEN)).sum() * amap.cell_area, rel=0.02)
+
+
+def test_lanelet2_says_what_it_leaves_out(write: Write, amap: an.AmbiguityMap) -> None:
+    path = write("zones-lanelet2", "z.osm", least_area=5.0)[0]
+    kept = json.loads(write("zones-geojson", "z.geojson", least_area=5.0)[0].read_text())
+    left_out = float(ElementTree.parse(path).getroot().get("left_out_m2", "nan"))
+    assert left_out >= kept["left_out_m2"] > 0.0
+    with pytest.warns(InputWarning, match=r"0\.32 m² .* in pieces below 0\.5 m² and left out"):
+        write("zones-lanelet2", "usual.osm")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("zones-geojson", "z.geojson"), ("zones-lanelet2", "z.osm"), ("zones-autoware", "z.geojson")],
+)
+def test_pieces_that_are_all_too_small_are_named(write: Write, kind: str, name: str) -> None:
+    with pytest.warns(InputWarning, match=r"no piece of 900 m² or more; [\d.]+ m² are in smaller"):
+        write(kind, name, least_area=900.0)
+
+
 def test_polygons_with_holes_are_cut() -> None:
     holes = [shapely.Point(x, y).buffer(0.4) for x in (1, 2.5, 4) for y in (1, 3)]
     shape = shapely.box(0, 0, 5, 4).difference(shapely.union_all(holes))
     parts = without_holes(shape)
     assert all(not part.interiors and part.is_valid for part in parts)
-    assert sum(part.area for part in parts) == pytest.approx(shape.area)
-    assert shapely.union_all(parts).symmetric_difference(shape).area < 1e-9
+    assert sum(part.area for part in parts) == pytest.approx(shape.area, rel=1e-4)
+    assert shapely.union_all(parts).symmetric_difference(shape).area < 1e-4 * shape.length
 
 
 def ellipse_of_autoware(p: np.ndarray, yaw: float) -> tuple[float, float]:

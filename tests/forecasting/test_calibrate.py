@@ -64,6 +64,7 @@ def test_finds_the_truth_again() -> None:
     assert result.localizer.offset == pytest.approx(TRUTH.offset, abs=0.25)
     assert result.skill.value == pytest.approx(result.ceiling, abs=0.02)
     assert done == sorted(done)
+    assert sum(each.routes for each in result.localizer.reliability) == len(routes)
     start = np.diag(np.square(START))
     ours, theirs = (
         entry.calibrated(raw_shares(entry, routes, start)) for entry in (result.localizer, TRUTH)

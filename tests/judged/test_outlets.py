@@ -66,7 +66,7 @@ def hold(made: Made) -> None:
         margin = ROUNDED.get(name, 0.0) + (1e-4 if name in ("gates", "audit") else 1e-6) * free
         for part, area in outlet(made).items():
             if name == "zones-lanelet2":  # outlines are smoothed by less than a cell
-                margin = 0.3 * truth[part] + 4 * made.amap.cell_area
+                margin = 0.1 * truth[part] + 4 * made.amap.cell_area
             assert area == pytest.approx(truth[part], abs=margin), (name, part)
     for who, x, y in places_of(made):
         assert codes_at(made.amap, np.array([x]), np.array([y]))[0] == JUDGED, (who, x, y)

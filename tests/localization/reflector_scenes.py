@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -12,8 +13,13 @@ import ambinav as an
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.layers.reflectors.targets import Targets
-from ambinav.localization.information import beam_noise
-from ambinav.localization.reflector_detection import COLUMNS, detect_reflectors, reflector_beams
+from ambinav.localization.information import BeamNoise, beam_noise
+from ambinav.localization.reflector_detection import (
+    COLUMNS,
+    ReflectorBeams,
+    detect_reflectors,
+    reflector_beams,
+)
 from ambinav.localization.reflector_view import VIEW, ReflectorMap, expect
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 
@@ -53,10 +59,14 @@ def known(environment: Environment, scanner: RangeScanner, place: float = 0.0) -
     return ReflectorMap(targets.edges, targets.first, place, GATE, reflector_beams(scanner), noise)
 
 
+@functools.cache
+def tables(scanner: RangeScanner) -> tuple[ReflectorBeams, BeamNoise]:
+    return reflector_beams(scanner), beam_noise(hall(), scanner, 0.0)
+
+
 def detected(scanner: RangeScanner, ranges: ArrayF, intensities: ArrayF, head: int = 0) -> Floats:
     """Return the detections of a scan, (D, COLUMNS)."""
-    beams, out = reflector_beams(scanner), np.empty((scanner.beams, COLUMNS))
-    noise = beam_noise(hall(), scanner, 0.0)
+    (beams, noise), out = tables(scanner), np.empty((scanner.beams, COLUMNS))
     count = detect_reflectors(head, ranges, intensities, beams, noise, out)
     return out[:count]
 

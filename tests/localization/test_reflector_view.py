@@ -74,14 +74,13 @@ def test_detections_are_unbiased_at_many_poses() -> None:
     seen = seen_reflectors(environment, scanner, targets, poses, ReflectorRules())
     ranges = scanner.read(environment, *poses.T, rng)
     read = read_intensity(scanner, environment, *poses.T, ranges, rng)
+    found = [detected(scanner, scan, bright) for scan, bright in zip(ranges, read, strict=True)]
     for k in range(len(targets)):
         errors = []
-        for pose, scan, bright in zip(
-            poses[seen[:, k]], ranges[seen[:, k]], read[seen[:, k]], strict=True
-        ):
-            view = view_of(reflectors, pose, np.zeros((3, 3)), k)
+        for i in np.flatnonzero(seen[:, k]):
+            view = view_of(reflectors, poses[i], np.zeros((3, 3)), k)
             assert view is not None
-            rows = detected(scanner, scan, bright)
+            rows = found[i]
             off = (rows[:, BEARING] - view[MIDDLE] + math.pi) % (2 * math.pi) - math.pi
             apart = np.hypot(off * view[DISTANCE], rows[:, RANGE] - view[DISTANCE])
             if len(rows) and apart.min() < 0.3:

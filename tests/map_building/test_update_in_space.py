@@ -20,7 +20,7 @@ from tests.geometry.furnished import furnished
 from tests.map_building.test_update import assert_same
 
 # Compiles kernels that no other test of updates needs.
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("patching")]
 
 LASER = an.RangeSensor(max_range=2.0, std=0.03, resolution=0.001)
 # Turned by a hair: of rays into a corner of the room it is not said which wall they meet.

@@ -210,6 +210,17 @@ def test_a_map_of_an_older_format_is_read(tmp_path):
     assert FORMAT_ATTR not in amap.dataset.attrs
 
 
+def test_zones_over_headings_of_an_older_format_are_refused(tmp_path):
+    path = tmp_path / "a.zarr"
+    AmbiguityMap(synthetic.dataset(headings=4)).save(path)
+    AmbiguityMap.open(path)
+    root = json.loads((path / "zarr.json").read_text())
+    root["attributes"][FORMAT_ATTR] = 2
+    (path / "zarr.json").write_text(json.dumps(root))
+    with pytest.raises(InputError, match=r"a\.zarr: .* zones .*; make the map again"):
+        AmbiguityMap.open(path)
+
+
 @pytest.mark.parametrize("version", ["new", 0, None, 1.5])
 def test_a_format_that_is_none(tmp_path, version):
     path = tmp_path / "a.zarr"

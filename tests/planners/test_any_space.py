@@ -252,26 +252,61 @@ def test_poses_in_space(demo: AmbiguityService) -> None:
     assert space.distance(a, b) > 2.5
 
 
-def test_a_compound_space(demo: AmbiguityService) -> None:
-    """A base that turns and an arm on it: the arm moves for nothing."""
+def base_of(state: Any) -> tuple[float, float, float]:
+    return state[0].getX(), state[0].getY(), state[0].getYaw()
+
+
+def with_an_arm() -> tuple[og.SimpleSetup, Any, Any]:
+    """A base that turns and an arm on it, and two of their states."""
     space = ob.CompoundStateSpace()
-    space.addSubspace(make_space(Steering("se2"), BOUNDS), 1.0)
+    space.addSubspace(make_space(Steering("se2"), (2.0, 2.0, 10.0, 6.0)), 1.0)
     space.addSubspace(ob.SO2StateSpace(), 0.1)
     space.lock()
-    si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(lambda state: True)
+    setup = og.SimpleSetup(space)
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(lambda state: True)
     si.setup()
-    objective = AmbiguityObjective(
-        si, demo, pose=lambda s: (s[0].getX(), s[0].getY(), s[0].getYaw())
-    )
     a, b = si.allocState(), si.allocState()
     for state, (x, y, yaw), arm in ((a, (3.0, 3.0, 0.0), 0.0), (b, (9.0, 5.0, 2.0), 3.0)):
         state[0].setX(x)
         state[0].setY(y)
         state[0].setYaw(yaw)
         state[1].value = arm
+    return setup, a, b
+
+
+def test_a_compound_space(demo: AmbiguityService) -> None:
+    """The arm moves for nothing."""
+    setup, a, b = with_an_arm()
+    objective = AmbiguityObjective(setup.getSpaceInformation(), demo, pose=base_of)
     cost = demo.motion_cost(3.0, 3.0, 9.0, 5.0, 0.0, 2.0)
     assert objective.motionCost(a, b).value() == pytest.approx(cost, rel=1e-6)
+
+
+def test_a_route_in_a_compound_space(demo: AmbiguityService) -> None:
+    """What OMPL minimises is the cost of the base's route, whatever the arm does."""
+    setup, a, b = with_an_arm()
+    si = setup.getSpaceInformation()
+    objective = AmbiguityObjective(si, demo, pose=base_of)
+    setup.setOptimizationObjective(objective)
+    setup.addStartState(a)
+    setup.setGoal(PoseGoal(si, b, pose=base_of))
+    planner = og.RRTstar(si)
+    setup.setPlanner(planner)
+    setup.solve(
+        ob.PlannerTerminationCondition(
+            lambda: planner.numIterations() >= 60 and math.isfinite(planner.bestCost().value())
+        )
+    )
+    assert setup.haveExactSolutionPath()
+    path = og.PathGeometric(setup.getSolutionPath())
+    poses = np.array([base_of(state) for state in path.getStates()])
+    np.testing.assert_allclose(poses[[0, -1]], [base_of(a), base_of(b)], atol=1e-6)
+    cost = demo.route_cost(poses, Steering("se2"))
+    assert path.cost(objective).value() == pytest.approx(cost, rel=1e-5)
+    assert planner.bestCost().value() == pytest.approx(cost, rel=1e-5)
+    assert cost >= math.dist(poses[0, :2], poses[-1, :2])
+    assert path.getState(path.getStateCount() - 1)[1].value == pytest.approx(3.0)
 
 
 def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None:

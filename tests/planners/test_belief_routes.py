@@ -68,6 +68,14 @@ def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
     timid = RoutePlanner(service, belief=replace(UNSURE, max_std=0.06), odometry=ODOMETRY)
     with pytest.raises(InputError, match=re.escape("keeps the standard deviation up to 0.06 m")):
         timid.plan(START, GOAL, planner_name="belief")
+
+
+def test_a_start_that_breaks_the_limit_is_refused_without_a_search(
+    service: AmbiguityService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("planners.belief_search", "planners.lattice_of"):
+        monkeypatch.setattr(f"ambinav_planners.belief.{name}", None)
+    monkeypatch.setattr("ambinav_planners.roadmap.grown_graph", None)
     lost = replace(UNSURE, start_std=(0.02, 0.3, 0.01), max_std=0.2)
     for name in ("belief", "belief-roadmap"):
         with pytest.raises(InputError, match=re.escape("start_std is 0.3 m, more than the 0.2 m")):

@@ -190,3 +190,16 @@ def test_gradients_are_allowed_as_the_half_planes_of_all_headings_say() -> None:
         # Never less, between headings too; and more by the chords' sagitta at most.
         assert steepest / math.cos(math.pi / headings) <= rate * (1.0 + 1e-9)
         assert rate <= 1.05 * steepest
+
+
+@pytest.mark.parametrize("steep", [0.0, 10.0, 40.0, 1000.0])
+def test_no_gradient_is_too_steep_between_headings_of_unequal_costs(steep: float) -> None:
+    """Costs at headings are all that a gradient needs; `steep` from one to the next near 0."""
+    headings, parts = 128, 40
+    angle = 2.0 * math.pi / (headings * parts) * np.arange(headings * parts + 1)
+    gradient = -np.array([[1.0, steep]])
+    fall = -(gradient @ np.stack([np.cos(angle), np.sin(angle)]))[0]
+    cost = np.maximum(fall[::parts], 1.0)
+    radius = (cost[:-1] * weights_of_headings(gradient, headings)).min()
+    between = np.interp(np.arange(len(fall)), parts * np.arange(headings + 1), cost)
+    assert 0.999 < radius * (fall / between).max() <= 1.0 + 1e-12

@@ -37,7 +37,7 @@ def hall() -> AmbiguityMap:
     return build_map(environment_from_shapes([shape], name="hall"), SCANNER, spacing=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=(*(f"0.5-{name}" for name in ITERATIONS), "16.0-bitstar"))
 @pytest.mark.parametrize("name", ITERATIONS)
 @pytest.mark.parametrize("turns", [0.5, 16.0])
 def test_headings_are_angles(hall: AmbiguityMap, name: str, turns: float) -> None:

@@ -70,6 +70,23 @@ def test_cheapest_cycle_is_that_of_brute_force(count: int, seed: int, missing: f
     assert cycle.bound == cycle.cost
 
 
+@pytest.mark.parametrize(("seed", "missing"), [(0, 0.0), (1, 0.3)])
+def test_the_order_of_eight_stops_is_that_of_brute_force(seed: int, missing: float) -> None:
+    """From a start to an end: the arc back from there costs nothing, and there is no other."""
+    rng = np.random.default_rng(seed)
+    cost = rng.uniform(1.0, 10.0, (10, 10))
+    cost[rng.uniform(size=cost.shape) < missing] = math.inf
+    cost[:, 0] = cost[9] = math.inf
+    cost[9, 0] = 0.0
+    orders = np.array(list(itertools.permutations(range(1, 9))))
+    tours = np.pad(orders, ((0, 0), (1, 1)), constant_values=((0, 0), (0, 9)))
+    costs = cost[tours[:, :-1], tours[:, 1:]].sum(axis=1)
+    cycle = cheapest_cycle(cost)
+    assert cycle is not None and math.isfinite(costs.min())
+    assert cycle.order == tuple(tours[costs.argmin()].tolist())
+    assert cycle.cost == pytest.approx(costs.min()) == pytest.approx(cycle.bound)
+
+
 @pytest.mark.slow
 def test_thirty_places_in_a_circle() -> None:
     """The cheapest tour is the circle itself; clusters make cycles that are too short."""

@@ -119,7 +119,8 @@ def test_a_planner_that_finds_nothing_says_what_a_route_costs_at_least(robot: Ro
 
 BAD_ENDS = {
     "outside": ((-50.0, 3.0), r"outside of the map, which reaches from .*nearest.*\d\.\d\d m away"),
-    "not a number": ((3.0, math.nan), r"is \(3\.0, nan\); give x and y in metres"),
+    "not a number": ((3.0, math.nan), r"is \(3\.0, nan\); give x and y in metres\.$"),
+    "no heading": ((3.0, 3.0, math.nan), r"3\.0, nan\); give x and y in metres, and a heading in"),
     "infinite": ((math.inf, 3.0), r"is \(inf, 3\.0\)"),
     "one number": ((3.0,), r"is \(3\.0,\)"),
     "four numbers": ((3.0, 3.0, 0.0, 0.0), r"give x and y in metres"),

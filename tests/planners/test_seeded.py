@@ -9,7 +9,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -56,17 +58,7 @@ PLANNER = replace(REFERENCE, name="chatty", solve=solve, uses_ompl=True)
 PosesByJob = dict[tuple[str, int], list[list[float]]]
 
 
-def in_a_fresh_process(source: Path, jobs: list[tuple[str, int, int | None]]) -> PosesByJob:
-    """Poses of the routes by planner and seed."""
-    run = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(source), json.dumps(jobs)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    rows = [json.loads(line) for line in run.stdout.splitlines()]
-    return {(name, seed): poses for name, seed, poses in rows}
+Jobs = list[tuple[str, int, int | None]]
 
 
 @pytest.fixture
@@ -77,18 +69,33 @@ def stored(demo_map: AmbiguityMap, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_route(stored: Path, robot: RoutePlanner) -> None:
+def test_the_same_seed_gives_the_same_route(
+    stored: Path, robot: RoutePlanner, planner_copies: Callable[..., tuple[int, str, str]],
+    seeded_copies: Callable[[bytes], Any], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     """In one test, for the processes take their time."""
+    (stored.parent / "script.py").write_text(SCRIPT)
+
+    def in_a_fresh_process(jobs: Jobs) -> PosesByJob:
+        """Poses of the routes by planner and seed; what is planned apart is in a real process."""
+        status, printed, errors = planner_copies(
+            stored.parent, "script.py", str(stored), json.dumps(jobs)
+        )
+        assert status == 0, errors
+        rows = [json.loads(line) for line in printed.splitlines()]
+        return {(name, seed): poses for name, seed, poses in rows}
+
     # The first is seeded in the process, the others apart; then the other way round.
-    first = in_a_fresh_process(stored, [(name, count, 1) for name, count in JOBS.items()])
+    first = in_a_fresh_process([(name, count, 1) for name, count in JOBS.items()])
     assert set(first) == {(name, 1) for name in JOBS}
-    again = in_a_fresh_process(stored, [(name, JOBS[name], 1) for name in ("prmstar", "rrtstar")])
+    again = in_a_fresh_process([(name, JOBS[name], 1) for name in ("prmstar", "rrtstar")])
     assert set(again) == {("prmstar", 1), ("rrtstar", 1)}
     assert all(again[key] == first[key] for key in again)
     # Random numbers drawn before do not matter.
-    jobs = [("prmstar", JOBS["prmstar"], None), ("rrtstar", JOBS["rrtstar"], 1)]
-    assert in_a_fresh_process(stored, jobs)["rrtstar", 1] == first["rrtstar", 1]
+    jobs: Jobs = [("prmstar", JOBS["prmstar"], None), ("rrtstar", JOBS["rrtstar"], 1)]
+    assert in_a_fresh_process(jobs)["rrtstar", 1] == first["rrtstar", 1]
     # Another seed gives another route.
+    monkeypatch.setattr(seeded, "_answer_of", seeded_copies)
     budget = {"iterations": JOBS["rrtstar"], "seconds": math.inf}
     for seed in (1, 2):
         route = robot.plan(START, GOAL, planner_name="rrtstar", seed=seed, **budget)

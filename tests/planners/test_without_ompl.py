@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 
 from tests.studies.compare.conftest import SCENARIO, write
 
+PATHS = os.pathsep.join(str(Path(__file__).parents[2] / name) for name in ("", "planners"))
 HIDDEN = "import sys; sys.modules['ompl'] = None; "
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
 OWN = ("reference", "belief")
@@ -27,9 +29,11 @@ RUN = """
 import json
 from typer.testing import CliRunner
 from ambinav.cli import app
-for name, words in json.loads(sys.argv[1]).items():
-    done = CliRunner().invoke(app, words)
-    print(json.dumps([name, [done.exit_code, done.stdout, done.stderr]]))
+from tests.inline import inline_drives
+with inline_drives():
+    for name, words in json.loads(sys.argv[1]).items():
+        done = CliRunner().invoke(app, words)
+        print(json.dumps([name, [done.exit_code, done.stdout, done.stderr]]))
 """
 
 
@@ -41,8 +45,9 @@ class Done(NamedTuple):
 
 def without_ompl(code: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", HIDDEN + code, *words], capture_output=True, text=True, cwd=folder
-    )
+        [sys.executable, "-c", HIDDEN + code, *words], capture_output=True, text=True, cwd=folder,
+        env={**os.environ, "PYTHONPATH": PATHS},
+    )  # fmt: skip
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ REPORT = f"""{{% extends "plain.html.j2" %}}
 <pre>{"ambinav design scanners office.yaml " * 6}</pre>{{% endblock %}}"""
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("390-dark", "768-light", "1280-dark"))
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 768, 1280])
 def test_nothing_is_wider_than_the_page(

@@ -16,7 +16,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import WIDEST_SPACING
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav.studies.audit.sight import look
+from ambinav.sensing.sight import look
 from tests.geometry import scenes
 
 HALF = math.radians(15.0)

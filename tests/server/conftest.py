@@ -6,13 +6,29 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import shapely
 
 import ambinav as an
+from ambinav.runtime.processes import ChildProcess
 from ambinav.server.http.app import create_app
 from tests.server.live import Live, running
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forked_workers(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let the server's processes be copies of one, but in the tests of just these."""
+    begin = ChildProcess.__init__
+
+    def begun(self: ChildProcess, method: str, *arguments: Any) -> None:
+        begin(self, "forkserver" if method == "spawn" else method, *arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.name != "test_edit_processes.py":
+            patch.setattr(ChildProcess, "__init__", begun)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +41,7 @@ def corridor(plan_map: Path) -> an.AmbiguityMap:
 def turning() -> an.AmbiguityMap:
     """A map with headings: a room with a pillar."""
     room = shapely.box(0, 0, 4, 2) - shapely.box(3, 0.5, 3.6, 1.1)
-    environment = an.environment_from_shapes([room], name="Narrow Room")
+    environment = an.environment_from_shapes([room], name="narrow room")
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=1.5, std=0.02, resolution=0.01), beams=12, aperture=math.pi
     )

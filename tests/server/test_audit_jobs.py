@@ -233,7 +233,7 @@ def test_a_scanner_that_is_too_much_is_refused(live: Live, scanner: str, message
 
 
 def test_headings_that_the_scanner_decides_count_as_cells() -> None:
-    task = AuditTask("", "", "", "", spacing=1.0, radius=0.5, headings=None, cells=100)
+    task = AuditTask("", spacing=1.0, radius=0.5, cells=100)
     bounds = (0.0, 0.0, 9.0, 9.0)
     _check_size(bounds, an.RangeScanner.from_preset("turtlebot3-lds"), task)
     with pytest.raises(InputError, match="648 cells"):
@@ -255,11 +255,11 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
 
         def begin() -> Any:
             plan = Sent("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
-            return audits.begin([plan], "", 0.1, 0.5, None, "me")  # type: ignore[list-item]
+            return audits.begin([plan], AuditTask("", 0.1, 0.5), "me")  # type: ignore[list-item]
 
         found = await asyncio.gather(*(begin() for _ in range(5)), return_exceptions=True)
         with pytest.raises(InputError):
-            await audits.begin([], "", 0.1, 0.5, None, "me")
+            await audits.begin([], AuditTask("", 0.1, 0.5), "me")
         begun = [one for one in found if isinstance(one, Audit)]
         async with asyncio.timeout(10.0):
             while any(one.state not in OVER for one in begun):
@@ -292,7 +292,7 @@ def test_only_so_many_finished_audits_are_kept(
         begun = []
         for _ in range(5):
             plan = Sent("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
-            begun.append(await audits.begin([plan], "", 0.1, 0.5, None, "me"))  # type: ignore[list-item]
+            begun.append(await audits.begin([plan], AuditTask("", 0.1, 0.5), "me"))  # type: ignore[list-item]
             assert begun[-1].job is not None
             await begun[-1].job
         assert [audits.get(one.id) for one in begun[-2:]] == begun[-2:]

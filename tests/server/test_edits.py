@@ -396,7 +396,7 @@ def test_a_process_leaves_an_edit_that_is_stopped(
             threading.Event().wait(0.001)
 
     monkeypatch.setattr(workers, "edit", edit)
-    monkeypatch.setattr(workers, "read_dataset", lambda path: corridor.dataset)
+    monkeypatch.setattr(workers, "read_map", lambda path, source: corridor)
     ours, theirs = Pipe()
 
     def work() -> None:

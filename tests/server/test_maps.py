@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import math
+import re
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -194,6 +195,25 @@ def test_an_unknown_map_is_a_problem_that_offers_the_nearest(live: Live) -> None
 def test_ids_are_unique(plan_map, serve) -> None:  # type: ignore[no-untyped-def]
     live = serve([plan_map, plan_map])
     assert [one["id"] for one in live.get("/v1/maps")["maps"]] == ["map", "map-2"]
+
+
+def test_ids_keep_underscores_and_case(corridor: an.AmbiguityMap) -> None:
+    maps = ServedMaps()
+    names = [maps.add(corridor, stem).name for stem in ("belg_tb3", "Hall_B", "hall 2", "a--b")]
+    assert names == ["belg_tb3", "Hall_B", "hall-2", "a-b"]
+
+
+def test_unknown_query_parameters_are_refused_everywhere(live: Live) -> None:
+    for path, operations in live.get("/openapi.json")["paths"].items():
+        address = re.sub(r"\{\w+\}", "map", path)
+        for method, operation in operations.items():
+            if operation["tags"] == ["server"]:  # whoever watches may add to the address
+                continue
+            answer = live.http.request(method.upper(), f"{address}?n=-1")
+            assert (answer.status_code, answer.json()["field"]) == (422, "n"), (method, path)
+    answer = live.http.get("/v1/maps/map/values?x=1&y=1&heading=45")
+    assert answer.status_code == 422
+    assert "'heading'; it has x, y, theta, weight." in answer.json()["detail"]
 
 
 def test_values_tell_the_cost_at_a_weight(live: Live, turning: an.AmbiguityMap) -> None:

@@ -19,6 +19,7 @@ from ambinav.plotting import style
 from ambinav.reports.page.single_file import FOLDER, modules
 from ambinav.server.access import Access
 from ambinav.server.http.app import create_app
+from tests.reports.widths import SIZES
 from tests.server.axe import violations
 from tests.server.live import running
 
@@ -253,7 +254,7 @@ def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1280, 768, 390])
 def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
     pytest.importorskip("ambinav_planners.registry")
     size = {"width": width, "height": 844}
@@ -347,7 +348,7 @@ def test_axe_finds_nothing(chromium, live, width, scheme):
         page.get_by_role("tab", name=tab).click()
         assert violations(page) == [], tab
     # Nothing is wider than the screen.
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(SIZES) == [width, width]
     page.context.close()
 
 

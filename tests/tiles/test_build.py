@@ -21,8 +21,10 @@ import numpy as np
 import pytest
 import zarr.storage
 from fsspec.implementations.memory import MemoryFileSystem
+from typer.testing import CliRunner
 
 import ambinav as an
+from ambinav.cli import app
 from ambinav.maps import address
 from ambinav.maps.address import Address
 from ambinav.runtime import cluster, workers
@@ -202,18 +204,22 @@ def test_workers_that_die_again_and_again_end_it(
     assert not multiprocessing.active_children()
 
 
+def arguments(path: Path) -> list[str]:
+    words = ["map", str(DEMO), "-s", "hokuyo-urg-04lx", "--spacing", "0.5", "--tile", "4"]
+    return [*words, "--workers", "1", "-o", str(path)]
+
+
 def begun_as_a_program(path: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "ambinav.cli", "map", str(DEMO), "-s", "hokuyo-urg-04lx"]
-    command += ["--spacing", "0.5", "--tile", "4", "--workers", "1", "-o", str(path)]
+    command = [sys.executable, "-m", "ambinav.cli", *arguments(path)]
     paths = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, cwd=ROOT)
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the program makes if nothing ends it."""
+    """What the command makes if nothing ends it."""
     path = tmp_path_factory.mktemp("program") / "b.zarr"
-    assert begun_as_a_program(path).wait(120) == 0
+    assert CliRunner().invoke(app, arguments(path)).exit_code == 0
     return path
 
 
@@ -233,7 +239,7 @@ def test_a_killed_build_goes_on(undisturbed: Path, tmp_path: Path, number: signa
         process.kill()
         process.wait()
     assert status == {signal.SIGKILL: -9, signal.SIGINT: 130, signal.SIGTERM: 143}[number]
-    assert begun_as_a_program(tmp_path / "a.zarr").wait(120) == 0
+    assert CliRunner().invoke(app, arguments(tmp_path / "a.zarr")).exit_code == 0
     assert content(tmp_path / "a.zarr") == content(undisturbed)
 
 
@@ -350,6 +356,7 @@ def test_a_scheduler_that_does_not_answer_is_said(
 
 
 @pytest.mark.slow(minutes=0.3)
+@pytest.mark.usefixtures("dask_forks")
 @pytest.mark.filterwarnings("default")
 def test_on_a_cluster_whose_workers_are_killed(reference: Path, tmp_path: Path) -> None:
     from distributed import LocalCluster

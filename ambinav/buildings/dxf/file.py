@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.buildings.damaged_files import reading
 from ambinav.buildings.dxf.layers import roles_of
 from ambinav.buildings.dxf.lines import ABSENT, Drawn, Written, drawn_in, opened, swing
 from ambinav.buildings.outline import outline_of
@@ -85,15 +86,8 @@ def load_dxf(
     scale = scale if unit else UNITS.get(drawing_unit or "m", 1.0)
     skipped: Counter[str] = Counter()
     texts: list[Written] = []
-    try:
+    with reading(path, "DXF"):
         drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
-    except InputError:
-        raise
-    except Exception as error:  # ezdxf raises many kinds of errors for damaged entities
-        raise InputError(
-            f"{path}: this DXF file is damaged ({type(error).__name__}: "
-            f"{' '.join(str(error).split())}); export it again."
-        ) from error
     if not drawn:
         blocks = sum(not block.name.startswith("*") for block in document.blocks)
         what = f"its {blocks} blocks are inserted nowhere with" if blocks else "it holds"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.buildings.damaged_files import reading
 from ambinav.buildings.ifc.parts import (
     HEADROOM,
     ElementMesh,
@@ -86,15 +86,9 @@ class StoreyPlan(NamedTuple):
     meshes: Sequence[ElementMesh]
 
 
-def load_ifc(
-    path: Path,
-    *,
-    level: str | int | None = None,
-    height: float,
-    doors: str = "open",
-    glass: str = "solid",
-    furniture: bool = True,
-) -> Environment:
+def read_storey(
+    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
+) -> StoreyPlan:
     """Read a storey of a building: everything solid at a height above its floor.
 
     Free floor is within the IfcSpaces of the storey and the openings between them; without
@@ -109,19 +103,13 @@ def load_ifc(
         glass: "solid": panes stop rays; "clear": they stop robots only.
         furniture: Whether furniture and appliances are there.
 
+    Returns:
+        The plan, with the parts that it is made of.
+
     Raises:
         InputError: the file cannot be read, has no walls at the height, there are several storeys
             and none is chosen, or an option has a value of no use.
     """
-    return read_storey(
-        path, level, height=height, doors=doors, glass=glass, furniture=furniture
-    ).environment
-
-
-def read_storey(
-    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
-) -> StoreyPlan:
-    """Read a storey as `load_ifc` does, with the parts that it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
     height = as_number(height, f"{path}: height")
@@ -131,7 +119,7 @@ def read_storey(
             f"{HIGHEST:g}."
         )
     model = _opened(path)
-    with reading(path):
+    with reading(path, "IFC"):
         storeys = storeys_of(model)
     if not model.by_type("IfcWall") and not model.by_type("IfcCurtainWall"):
         raise InputError(
@@ -142,7 +130,7 @@ def read_storey(
     else:
         chosen_level(f"{path}", [WHOLE], level)
         storey = Storey(WHOLE, _base(path, model), None)
-    with reading(path):
+    with reading(path, "IFC"):
         elements = elements_of(model, storey, height, furniture)
         parts = parts_at(model, elements, storey.elevation, height)
     _check_size(path, parts)
@@ -206,24 +194,6 @@ def _opened(path: Path) -> Any:
         raise InputError(f"{path}: this is not an IFC file ({reason}); export it again.") from error
 
 
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Raise `InputError` for a damaged file, whose entities lack what the schema requires.
-
-    Raises:
-        InputError: something went wrong within.
-    """
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # ifcopenshell raises many kinds of errors then
-        raise InputError(
-            f"{path}: this IFC file is damaged ({type(error).__name__}: "
-            f"{' '.join(str(error).split())}); export it again."
-        ) from error
-
-
 def _check_size(path: Path, parts: Parts) -> None:
     """Check that the walls make a building: some programs write another unit than they name.
 
@@ -246,7 +216,7 @@ def _check_size(path: Path, parts: Parts) -> None:
 def _base(path: Path, model: Any) -> float:
     """Return the floor height of a building without storeys."""
     walls = [wall for wall in model.by_type("IfcWall") if wall.Representation]
-    with reading(path):
+    with reading(path, "IFC"):
         lows = [float(vertices[:, 2].min()) for _, vertices, _, _ in meshes(model, walls)]
     base = base_of(lows)
     if math.isnan(base):

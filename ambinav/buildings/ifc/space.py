@@ -14,7 +14,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.buildings.ifc.file import StoreyPlan, carries, read_storey, reading
+from ambinav.buildings.damaged_files import reading
+from ambinav.buildings.ifc.file import StoreyPlan, carries, read_storey
 from ambinav.buildings.ifc.parts import BELOW, bodies_of, elements_of, meshes, part_role
 from ambinav.buildings.mesh_prisms import SLICE, slabs_of
 from ambinav.buildings.section_floor import SPECK
@@ -32,15 +33,9 @@ _LID: Final = 0.1
 
 
 def load_ifc_in_space(
-    path: Path,
-    *,
-    level: str | int | None = None,
-    height: float,
-    doors: str = "open",
-    glass: str = "solid",
-    furniture: bool = True,
+    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
 ) -> Environment:
-    """Read a storey as a building in space: the plan of `load_ifc`, and prisms for rays.
+    """Read a storey as a building in space: the plan of `read_storey`, and prisms for rays.
 
     Bodies stand between the heights that the file gives them: lintels above open doors, parapets
     below windows, beams, table tops, and the slabs below and above. Parts that slope are cut into
@@ -48,7 +43,7 @@ def load_ifc_in_space(
     the storey and of the next one, is a frontier.
 
     Args:
-        path: The file; the options are those of `load_ifc`.
+        path: The file; the options are those of `read_storey`.
         level: The storey.
         height: At which the plan is cut: where a robot can be, metres.
         doors: "open" or "closed".
@@ -56,10 +51,10 @@ def load_ifc_in_space(
         furniture: Whether furniture and appliances are there.
 
     Raises:
-        InputError: as `load_ifc`.
+        InputError: as `read_storey`.
     """
     plan = read_storey(path, level, height=height, doors=doors, glass=glass, furniture=furniture)
-    with reading(path):
+    with reading(path, "IFC"):
         bodies = _bodies(plan, height, doors == "closed", glass == "clear", furniture)
     notes = _notes(path, plan, bodies)
     if bodies.open_slopes:

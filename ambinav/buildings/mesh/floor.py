@@ -11,10 +11,11 @@ from scipy import ndimage
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.coverage import Coverage
 from ambinav.buildings.mesh.bands import touched
+from ambinav.buildings.mesh.frame import layered, triangle_areas
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from ambinav.runtime.array_types import Bytes, Floats, Ints
+from ambinav.runtime.array_types import Bytes, Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
@@ -60,16 +61,16 @@ def find_floor(mesh: Mesh) -> float:
     up = mesh.surface_normal[:, 2]
     # Only voxel meshes are known to be oriented consistently.
     level = (up if mesh.voxel else np.abs(up)) >= _LEVEL
-    a, b, c = (triangles[level][:, k] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-    z = (a + b + c)[:, 2] / 3.0
+    area = triangle_areas(triangles[level])
+    a, b, c = (triangles[level][:, k, 2] for k in range(3))
+    z = (a + b + c) / 3.0
     lowest, highest = _lowest(triangles), mesh.bounds[1, 2]
     lower = z >= lowest
     z, area = z[lower], area[lower]
     lower = z <= lowest + max(_LOWER * (highest - lowest), _LOWER_LEAST)
     z, area = z[lower], area[lower]
     # For rough floors count all heights in a layer and its neighbours.
-    rough, _ = _layered(z - lowest, area, _LAYER)
+    rough, _ = layered(z - lowest, area, _LAYER)
     best = int(rough.argmax())
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))
     # Of a scan's voxels the upper side alone is counted.
@@ -83,7 +84,7 @@ def find_floor(mesh: Mesh) -> float:
     # A slab has an underside as large as its top.
     near = (z >= lowest + best * _LAYER - _FINE) & (z <= lowest + (best + 2) * _LAYER + _THICKEST)
     z, area = z[near], area[near]
-    fine, layer = _layered(z - lowest, area, _FINE)
+    fine, layer = layered(z - lowest, area, _FINE)
     top = int(np.flatnonzero(fine >= _AS_LARGE * fine.max())[-1])
     mine = (layer == top) | (layer == top + 1)
     return float((z[mine] * area[mine]).sum() / area[mine].sum())
@@ -91,21 +92,13 @@ def find_floor(mesh: Mesh) -> float:
 
 def _lowest(triangles: Floats) -> float:
     """Return the lowest z of a building, without outliers below it, such as reflections."""
-    a, b, c = triangles.swapaxes(0, 1)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = triangle_areas(triangles)
     low, high = triangles[..., 2].min(axis=1), triangles[..., 2].max(axis=1)
     order = np.argsort(low)
     low, top, below = low[order], np.maximum.accumulate(high[order]), np.cumsum(area[order])
     # Where nothing stands between two heights, and what lies under them is next to nothing.
     gaps = np.flatnonzero((low[1:] - top[:-1] > _GAP) & (below[:-1] < _STRAYS * below[-1]))
     return float(low[gaps[-1] + 1] if len(gaps) else low[0])
-
-
-def _layered(above: Floats, area: Floats, thick: float) -> tuple[Floats, Ints]:
-    """Sum the area in each layer and the next one, `thick` metres; return the layers too."""
-    layer = np.maximum(np.floor(above / thick), 0).astype(np.int64)
-    of = np.bincount(layer, weights=area, minlength=1)
-    return of + np.append(of[1:], 0.0), layer
 
 
 def floor_environment(
@@ -171,27 +164,12 @@ def floor_environment(
             "have it",
         ),
     ]  # fmt: skip
+    env.name, env.source = mesh.name, mesh.source
     # Stored maps tell the floors of two robots apart by it.
-    checksum = digest_of(mesh.checksum, z, height, radius, step, cell)
-    return Environment(
-        env.segments,
-        env.free,
-        name=mesh.name,
-        source=mesh.source,
-        checksum=checksum,
-        resolution=env.resolution,
-        notes=(
-            *env.notes,
-            *mesh.notes,
-            *covered.notes(env.free),
-            f"{where}: floor at z = {z:.3f} m, robot {height:g} m high.",
-        ),
-        extent=env.extent,
-        occupancy=env.occupancy,
-        drivable=env.drivable,
-        space=mesh,
-        floor=z,
-    )
+    env.checksum = digest_of(mesh.checksum, z, height, radius, step, cell)
+    about = f"{where}: floor at z = {z:.3f} m, robot {height:g} m high."
+    env.notes = (*env.notes, *mesh.notes, *covered.notes(env.free), about)
+    return env.in_space(mesh, z)
 
 
 def _cells(
@@ -242,8 +220,6 @@ def _raised(mesh: Mesh, above: float, floor: float) -> float:
     level = ((up if mesh.voxel else np.abs(up)) >= _LEVEL) & (z > above) & (z <= above + 1.0)
     if not level.any():
         return 0.0
-    a, b, c = (corners[level][:, k] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-    layers, _ = _layered(z[level] - above, area, _LAYER)
+    layers, _ = layered(z[level] - above, triangle_areas(corners[level]), _LAYER)
     largest = float(layers.max())
     return largest if largest >= max(_PLATFORM * floor, _SMALLEST_PLATFORM) else 0.0

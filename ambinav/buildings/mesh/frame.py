@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.buildings.plan_units import LARGEST, SMALLEST, UNITS
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.runtime.array_types import Floats
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError, InputWarning
 
 Number = TypeVar("Number", bound=np.generic)
@@ -111,17 +111,27 @@ def check_storey(path: Path, mesh: Mesh) -> list[str]:
     return [note]
 
 
+def triangle_areas(triangles: Floats) -> Floats:
+    """Return the areas of triangles (N, 3, 3), shape (N,), square metres."""
+    a, b, c = triangles.swapaxes(0, 1)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
+def layered(above: Floats, area: Floats, thick: float) -> tuple[Floats, Ints]:
+    """Sum the area in each layer and the next one, `thick` metres; return the layers too."""
+    layer = np.maximum(np.floor(above / thick), 0).astype(np.int64)
+    of = np.bincount(layer, weights=area, minlength=1)
+    return of + np.append(of[1:], 0.0), layer
+
+
 def storey_height(mesh: Mesh) -> float:
     """Estimate the height of the lowest storey, metres: to its ceiling, or of most walls."""
     corners = mesh.triangles
-    a, b, c = corners.swapaxes(0, 1)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    area = triangle_areas(corners)
     tilt = np.abs(mesh.surface_normal[:, 2])
     level, upright = tilt > _LEVEL, tilt < _UPRIGHT
     z, low = corners[..., 2].mean(axis=1), float(mesh.bounds[0, 2])
-    layer = np.maximum(np.floor((z[level] - low) / _LAYER), 0).astype(np.int64)
-    of = np.bincount(layer, weights=area[level], minlength=1)
-    of = of + np.append(of[1:], 0.0)
+    of, _ = layered(z[level] - low, area[level], _LAYER)
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))
     large = np.flatnonzero(of >= _FLOOR_SHARE * plan)
     floor = low + _LAYER * float(large[0]) if len(large) else low
@@ -147,8 +157,7 @@ def check_upright(path: Path, mesh: Mesh) -> None:
         InputError: an axis has, so that it may be up.
     """
     size = np.ptp(mesh.bounds, axis=0)
-    a, b, c = mesh.triangles.swapaxes(0, 1)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    area = triangle_areas(mesh.triangles)
     level = [float(area[np.abs(mesh.surface_normal[:, k]) > _LEVEL].sum()) for k in range(3)]
     for k in (1, 0):
         if size[k] < size[2] and level[k] > level[2]:

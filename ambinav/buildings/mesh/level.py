@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.buildings.mesh.frame import triangle_areas
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.runtime.array_types import Floats, Ints
 
@@ -30,7 +31,7 @@ def levelled(mesh: Mesh) -> Mesh:
     fewer than half of them do (ramps, terrain), and of a tilt below `LEAST`, the mesh is returned
     as it is. Voxels are level by themselves.
     """
-    normal, area = mesh.surface_normal, _areas(mesh.triangles)
+    normal, area = mesh.surface_normal, triangle_areas(mesh.triangles)
     near = np.abs(normal[:, 2]) >= math.cos(STEEPEST)
     if mesh.voxel or not near.any():
         return mesh
@@ -52,11 +53,6 @@ def levelled(mesh: Mesh) -> Mesh:
         processes=mesh.processes,
         notes=(*mesh.notes, levelled_note(where, slope)),
     )  # fmt: skip
-
-
-def _areas(triangles: Floats) -> Floats:
-    a, b, c = triangles.swapaxes(0, 1)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
 
 def _median(values: Floats, weights: Floats) -> float:

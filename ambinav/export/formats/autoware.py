@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.inputs import route_on
 from ambinav.export.formats.nav2_path import dense_poses
-from ambinav.export.formats.zones import LEAST_AREA, collection, feature, figures, pieces
+from ambinav.export.formats.zones import (
+    collection,
+    feature,
+    figures,
+    least_area,
+    note_no_pieces,
+    pieces,
+)
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
@@ -83,19 +90,20 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     by_long, by_lateral = _levels(*sizes(grid[0], grid[1], grid[3], heading))
     judged = export.amap.judged.counted
     worst = np.where(judged, np.maximum(by_long, by_lateral), 0)
-    least = LEAST_AREA if options.least_area is None else options.least_area
     features = []
     for code in (2, 1):
         for k, cause in enumerate(CAUSES, start=1):
             mask = (worst == code) & (_causes(by_long, by_lateral) == k)
             features += [
                 feature(piece.polygon, level=LEVELS[code], cause=cause, **figures(piece))
-                for piece in pieces(mask, raster, grid, least)
+                for piece in pieces(mask, raster, grid, least_area(export))
             ]
     for file in options.routes:
         features += stretches(export.amap, route_on(export.amap, file), file.name)
     if not features:
-        export.note_empty(path, "no judged floor of the map passes Autoware's thresholds")
+        area = np.count_nonzero(worst) * export.amap.cell_area
+        none = "no judged floor of the map passes Autoware's thresholds"
+        note_no_pieces(export, path, area, none)
     faced = "along the weak direction" if heading is None else f"{options.heading:g} deg"
     text = collection(export, features, f"localization error monitor, heading {faced}")
     path.write_text(text, encoding="utf-8")
@@ -150,7 +158,7 @@ def _check_radius(amap: AmbiguityMap) -> None:
     Raises:
         InputError: its neighbourhood is too small.
     """
-    radius = json.loads(amap.dataset.attrs["parameters"]).get("radius")
+    radius = amap.parameters.get("radius")
     if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
         given = "?" if radius is None else f"{radius:g}"
         raise InputError(

@@ -83,7 +83,7 @@ def _about(export: MapExport) -> dict[str, Any]:
         "environment": str(attrs["environment"]),
         "environment_sha256": str(attrs.get("environment_sha256", "")),
         "scanner": str(attrs["scanner"]),
-        "parameters": json.loads(attrs["parameters"]),
+        "parameters": export.amap.parameters,
         "heading_deg": matters if heading is None else heading,
         "units": dict(zip(BANDS, UNITS, strict=True)),
     }

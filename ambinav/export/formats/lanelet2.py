@@ -7,47 +7,89 @@ subtype which covariance holds in them. The subtypes here are the zones' names.
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
 import shapely
+from shapely.geometry.base import BaseGeometry
 
-from ambinav.export.formats.zones import NO_ZONES, figures, zone_pieces
+from ambinav.export.formats.zones import (
+    NO_ZONES,
+    area_left_out,
+    figures,
+    least_area,
+    note_no_pieces,
+    zone_pieces,
+)
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.runtime.errors import InputWarning
 
 TYPE: Final = "degenerate_area"
 # Radii of curvature of WGS 84 where latitude and longitude are 0, metres: along the meridian and
 # along the equator.
 MERIDIAN, EQUATOR = 6_335_439.327, 6_378_137.0
+GRID: Final = 1e-4
+"""Metres to which coordinates are written."""
 
 
 def without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Divide a polygon into polygons without holes, cut vertically through each hole's middle."""
-    finished, todo = [], [polygon]
+    """Divide a polygon into polygons without holes, cut vertically through each hole's middle.
+
+    Their corners lie on `GRID`, so that the rings are simple as they are written.
+    """
+    finished, todo = [], _polygons(shapely.set_precision(polygon, GRID))
     while todo:
-        part_polygon = todo.pop()
-        if not part_polygon.interiors:
-            finished.append(part_polygon)
+        part = todo.pop()
+        # No cut on the grid divides a hole this narrow.
+        holes = [hole for hole in part.interiors if hole.bounds[2] - hole.bounds[0] > 2.0 * GRID]
+        if not holes:
+            finished.append(shapely.Polygon(part.exterior))
             continue
-        xmin, ymin, xmax, ymax = part_polygon.bounds
-        low, _, high, _ = part_polygon.interiors[0].bounds
+        xmin, ymin, xmax, ymax = part.bounds
+        low, _, high, _ = holes[0].bounds
         cut = 0.5 * (low + high)
         for half in (shapely.box(xmin, ymin, cut, ymax), shapely.box(cut, ymin, xmax, ymax)):
-            parts = shapely.get_parts(shapely.intersection(part_polygon, half))
-            todo += [part for part in parts if isinstance(part, shapely.Polygon)]
+            todo += _polygons(shapely.intersection(part, half, grid_size=GRID))
     return finished
 
 
-def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
+def ways(polygon: shapely.Polygon, cell: float) -> tuple[list[shapely.Polygon], float]:
+    """Return polygons without holes for a piece of floor, and the area that is left out, m².
+
+    Left out are slivers of less than a cell, which the cuts make.
+
+    Args:
+        polygon: The piece: whole cells.
+        cell: Edge of a cell, metres.
+    """
+    # The steps of the cells become straight lines; no edge moves by a whole cell. Of pieces of a
+    # few cells, or a cell wide, this could leave half: they stay as they are.
+    smooth = shapely.simplify(polygon, 0.75 * cell)
+    kept_area = abs(smooth.area - polygon.area) <= 0.1 * polygon.area
+    parts = without_holes(smooth if kept_area else polygon)
+    least = (cell - 2.0 * GRID) ** 2  # a cell whose corners are rounded
+    kept = [part for part in parts if part.area >= least]
+    return kept, sum(part.area for part in parts if part.area < least)
+
+
+def _polygons(geometry: BaseGeometry) -> list[shapely.Polygon]:
+    return [part for part in shapely.get_parts(geometry) if isinstance(part, shapely.Polygon)]
+
+
+def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]], left_out: float) -> bytes:
     """Return OSM XML of closed ways with tags; nodes have local_x and local_y in metres.
+
+    The root has the area that no way stands for as `left_out_m2`; readers pass over it.
 
     Latitude and longitude, which the format asks for, are those of a map frame whose origin lies at
     0 N, 0 E; Autoware's local projector reads local_x and local_y.
     """
     root = ElementTree.Element("osm", version="0.6", generator="ambinav")
+    root.set("left_out_m2", f"{left_out:g}")
     ElementTree.SubElement(root, "MetaInfo", format_version="1", map_version="1")
     rings = []
     number = 0
@@ -78,18 +120,28 @@ def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the zones, one polygon per piece, or several where it has holes."""
+    """Write the zones, one polygon per piece, or several where it has holes; each with its area."""
     cell = Raster.of_map(export.amap).resolution
+    written = zone_pieces(export)
+    left_out = area_left_out(export, written)
     shapes = []
-    for name, piece in zone_pieces(export):
-        tags = {"type": TYPE, "subtype": name}
-        tags |= {key: f"{value:g}" for key, value in figures(piece).items()}
-        # The steps of the cells become straight lines; no edge moves by a whole cell.
-        outline = shapely.simplify(piece.polygon, 0.75 * cell)
-        shapes += [(part, tags) for part in without_holes(outline)]
+    for name, piece in written:
+        parts, slivers = ways(piece.polygon, cell)
+        left_out += slivers
+        for part in parts:
+            values = {**figures(piece), "area_m2": round(part.area, 3)}
+            tags = {key: f"{value:.9g}" for key, value in values.items()}
+            shapes.append((part, {"type": TYPE, "subtype": name, **tags}))
     if not shapes:
-        export.note_empty(path, NO_ZONES)
-    path.write_bytes(osm(shapes))
+        note_no_pieces(export, path, left_out, NO_ZONES)
+    elif left_out >= export.amap.cell_area and export.options.least_area is None:
+        warnings.warn(
+            f"{path.name}: {left_out:.3g} m² of the zones are in pieces below "
+            f"{least_area(export):g} m² and left out; give --least-area to choose.",
+            InputWarning,
+            stacklevel=2,
+        )
+    path.write_bytes(osm(shapes, round(left_out, 3)))
     return (path,)
 
 

@@ -80,15 +80,46 @@ def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
     They lie on judged floor (`MapExport.counted`).
     """
     options = export.options
-    least = LEAST_AREA if options.least_area is None else options.least_area
     heading = None if options.heading is None else math.radians(options.heading)
     raster, grid = Raster.of_map(export.amap), covariance_grid(export.amap, heading)
     zone = export.counted("zone")
     return [
         (ZONES[code], piece)
         for code in export.zone_codes()
-        for piece in pieces(zone == code, raster, grid, least)
+        for piece in pieces(zone == code, raster, grid, least_area(export))
     ]
+
+
+def least_area(export: MapExport) -> float:
+    """Return the area of the smallest pieces that are written, square metres."""
+    given = export.options.least_area
+    return LEAST_AREA if given is None else given
+
+
+def area_left_out(export: MapExport, written: list[tuple[str, Piece]]) -> float:
+    """Return the judged floor of the zones that is in none of their pieces, square metres."""
+    cells = np.isin(export.counted("zone"), export.zone_codes()).sum()
+    area = cells * export.amap.cell_area - sum(piece.polygon.area for _, piece in written)
+    return max(0.0, float(area))
+
+
+def note_no_pieces(export: MapExport, path: Path, area: float, none: str) -> None:
+    """Warn that a file holds no piece.
+
+    Args:
+        export: The export.
+        path: The file.
+        area: Floor in pieces that are too small, square metres.
+        none: What there is none of, if there are no such pieces either.
+    """
+    if area < 1e-6:
+        export.note_empty(path, none)
+    else:
+        export.note_empty(
+            path,
+            f"there is no piece of {least_area(export):g} m² or more; {area:.3g} m² are in smaller "
+            "ones (--least-area)",
+        )
 
 
 def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
@@ -131,11 +162,10 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     """Write the zones, one Feature per connected piece, and the area of those left out."""
     written = zone_pieces(export)
     features = [feature(piece.polygon, zone=name, **figures(piece)) for name, piece in written]
+    left_out = area_left_out(export, written)
     if not features:
-        export.note_empty(path, NO_ZONES)
-    cells = np.isin(export.counted("zone"), export.zone_codes()).sum()
-    left_out = cells * export.amap.cell_area - sum(piece.polygon.area for _, piece in written)
-    text = collection(export, features, "zones", left_out_m2=round(float(left_out), 3) + 0.0)
+        note_no_pieces(export, path, left_out, NO_ZONES)
+    text = collection(export, features, "zones", left_out_m2=round(left_out, 3))
     path.write_text(text, encoding="utf-8")
     return (path,)
 

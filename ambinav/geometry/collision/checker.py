@@ -65,6 +65,9 @@ class CollisionChecker:
     Attributes:
         geometry: Collision geometry: `environment.collision`, or `environment`.
         has_forbidden: True if any cell is forbidden.
+        is_directed: True if a motion may be free and its way back not: of a car that only drives
+            forwards, and in r2, where the robot faces its travel, of a polygon that half a turn
+            changes.
         arrays: Last arguments of the kernels `motion_free` and `pose_free`.
 
     Raises:
@@ -89,6 +92,9 @@ class CollisionChecker:
         self.footprint = footprint
         self.steering = steering
         self.must_turn = steering.kind == FACING and not footprint.is_disc
+        self.is_directed = steering.space == "dubins" or (
+            self.must_turn and not footprint.is_symmetric
+        )
         self._place: dict[str, Any] = {
             "forbidden": forbidden, "origin": origin, "spacing": spacing, "simulated": simulated,
         }  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -71,7 +70,7 @@ def map_data(
             "shape": codes.shape,
             "headings": data.sizes.get("theta"),
             "scanner": data.attrs["scanner"],
-            "radius": json.loads(data.attrs["parameters"]).get("radius"),
+            "radius": amap.parameters.get("radius"),
             "cost_layer": amap.cost_layer,
             "block": window.block,
             "classes": np.unique(codes).tolist(),

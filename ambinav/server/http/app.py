@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.address import Address
@@ -32,6 +32,7 @@ from ambinav.server.http import (
     view,
 )  # fmt: skip
 from ambinav.server.http.context import Context
+from ambinav.server.http.known_query import check_query
 from ambinav.server.http.poses import InvalidBodyError
 from ambinav.server.jobs.scratch import remove_left
 from ambinav.server.jobs.state import State
@@ -95,9 +96,9 @@ def create_app(
 
         await context.resume()
         keeping = asyncio.create_task(asyncio.to_thread(tend))
-        first: list[Step] = [
-            partial(context.once, amap, "worst", view.worst_places) for amap in served
-        ]
+        # The document that queries are checked against.
+        first: list[Step] = [partial(context.in_thread, app.openapi)]
+        first += [partial(context.once, amap, "worst", view.worst_places) for amap in served]
         first += [partial(context.in_thread, view.first_values, amap) for amap in served]
         ahead = asyncio.create_task(context.prepare(first, processes=processes))
         try:
@@ -124,8 +125,8 @@ def create_app(
     problems.install(app)
     openapi.install(app, with_token=not access.is_open)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
+    app.include_router(probes.router)  # whoever watches may add to the address
     for router in (
-        probes.router,
         view.router,
         poses.router,
         shapes.router,
@@ -135,9 +136,9 @@ def create_app(
         edits.router,
         sessions.router,
         audits.router,
-        docs.router,
     ):
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(check_query)])
+    app.include_router(docs.router)
     mount_page(app)
     app.add_middleware(Guard, limits=limits, access=access)
     app.add_middleware(Observer, metrics=context.metrics)  # around the guard: refusals count too

@@ -18,6 +18,7 @@ from ambinav.server.guard import client_of
 from ambinav.server.http.context import context_of
 from ambinav.server.http.models import as_json
 from ambinav.server.jobs.audit_jobs import Audit
+from ambinav.server.jobs.workers import AuditTask
 from ambinav.server.problems import Problem, answers
 
 router = APIRouter(prefix="/v1", tags=["audits"])
@@ -110,12 +111,10 @@ async def post_audit(
             "spacing.", field="radius",
         )  # fmt: skip
     chosen = await context.in_thread(_scanner, scanner, context.limits.audit_beams)
-    audit = await context.audits.begin(
-        files, chosen, spacing, radius, headings, client_of(request.scope), level=level, unit=unit
-    )
-    info = as_json(_info(audit, context.prefix), 202)
-    info.headers["location"] = f"{context.prefix}/v1/audits/{audit.id}"
-    return info
+    task = AuditTask(chosen, spacing, radius, headings, level, unit)
+    audit = await context.audits.begin(files, task, client_of(request.scope))
+    location = f"{context.prefix}/v1/audits/{audit.id}"
+    return as_json(_info(audit, context.prefix), 202, location=location)
 
 
 MOST_SCANNER: Final = 100_000

@@ -42,7 +42,7 @@ def map_info(served: ServedMap) -> MapInfo:
     """Return the summary of a map."""
     amap = served.amap
     ny, nx = amap.possible.shape[:2]
-    radius = served.parameters.get("radius")
+    radius = served.amap.parameters.get("radius")
     return MapInfo(
         id=served.name,
         digest=served.digest,
@@ -91,7 +91,7 @@ def map_detail(served: ServedMap) -> MapDetail:
         attrs["environment_source"] = source.model_copy(
             update={"value": str(source.value).replace("\\", "/").rpartition("/")[2]}
         )
-    for name, value in served.parameters.items():
+    for name, value in served.amap.parameters.items():
         unit, text = parameters.MAP.get(name, ("", ""))
         plain = value if isinstance(value, int | float | str) or value is None else str(value)
         attrs[name] = Parameter(value=plain, unit=unit, text=text)

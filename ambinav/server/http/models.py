@@ -312,7 +312,7 @@ class Readiness(BaseModel):
 XY = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 
-def as_json(value: Any, status: int = 200) -> Response:
+def as_json(value: Any, status: int = 200, **headers: str) -> Response:
     """Return an answer in JSON; non-finite numbers become null."""
     body = to_json(value, inf_nan_mode="null")
-    return Response(body, status, media_type="application/json")
+    return Response(body, status, headers, media_type="application/json")

@@ -107,10 +107,22 @@ class ForecastPoint(BaseModel):
     heading_error_rad: float = Field(description="The same of the heading")
 
 
+class LossReliability(BaseModel):
+    """Lost robots on routes forecast alike, in buildings that the class was not fitted to."""
+
+    forecast_low: float = Field(description="Smallest forecast of these routes")
+    forecast_high: float = Field(description="Largest one")
+    routes: int = Field(description="Number of these routes")
+    lost: float = Field(description="Share of the robots that got lost on them")
+    lost_low: float = Field(description="Lower end of its 95 % interval")
+    lost_high: float = Field(description="Upper end")
+
+
 class RouteForecast(BaseModel):
     """Forecast of the robots that get lost on a route, as of `ambinav forecast --json`."""
 
     lost_probability: float = Field(description="Probability that a robot gets lost on the route")
+    lost_probability_reliability: LossReliability | None = Field(description="null: not measured")
     text: str = Field(description="The probability and its main cause in a sentence")
     localizer: str = Field(description="Class of localizer")
     odometry: str = Field(description="Name of the odometry")
@@ -188,10 +200,7 @@ async def post_plans(request: Request, id: str, content: KeptPlanRequest) -> Res
     served, task = await _task(request, id, content, content.weight, weights)
     most = context.limits.client_jobs
     job = await context.plan_jobs.begin(served, task, client_of(request.scope), most)
-    headers = {"location": f"{context.prefix}/v1/plans/{job.id}"}
-    answer = as_json(_info(job), 202)
-    answer.headers.update(headers)
-    return answer
+    return as_json(_info(job), 202, location=f"{context.prefix}/v1/plans/{job.id}")
 
 
 @kept.get("/{id}", summary="A plan", response_model=PlanInfo, responses=answers(401, 404))

@@ -136,19 +136,17 @@ async def post_cost(
     """
     context = context_of(request)
     served = await context.map(request, id)
-    body = await request.body()
-    if _is_binary(request):
-        x, y, theta = _poses(unpacked(body, columns or "x,y", POSE_COLUMNS, 2), context)
-        await _prepare(context, served, layer, weight)
-        service = served.service(layer, weight)
-        return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
-    content = _model(CostPoses, body)
-    x, y, theta = _poses(_columns(content, POSE_COLUMNS), context)
-    await _prepare(context, served, content.layer, content.weight)
-    service = served.service(content.layer, content.weight)
+    table, content = await _read(request, CostPoses, columns, POSE_COLUMNS, 2)
+    if content is not None:
+        layer, weight = content.layer, content.weight
+    x, y, theta = _poses(table, context)
+    await _prepare(context, served, layer, weight)
+    service = served.service(layer, weight)
 
     def work() -> Response:
         cost = np.asarray(service.cost(x, y, theta))
+        if content is None:
+            return _octets(cost)
         reasons = served.reasons(x, y, ~np.isfinite(cost))
         return as_json({"cost": cost.tolist(), "reason": reasons})
 
@@ -171,18 +169,14 @@ async def post_level(
     """
     context = context_of(request)
     served = await context.map(request, id)
-    body = await request.body()
-    binary = _is_binary(request)
-    if binary:
-        table = unpacked(body, columns or "x,y", POSE_COLUMNS, 2)
-    else:
-        content = _model(Poses, body)
-        table, layer = _columns(content, POSE_COLUMNS), content.layer
+    table, content = await _read(request, Poses, columns, POSE_COLUMNS, 2)
+    if content is not None:
+        layer = content.layer
     x, y, theta = _poses(table, context)
 
     def work() -> Response:
         values = np.asarray(served.amap.sample(layer or "level", x, y, theta), dtype=np.float64)
-        if binary:
+        if content is None:
             return _octets(values)
         return as_json(
             {"level": values.tolist(), "reason": served.reasons(x, y, ~np.isfinite(values))}
@@ -217,14 +211,9 @@ async def post_reward(
     """
     context = context_of(request)
     served = await context.map(request, id)
-    body = await request.body()
-    binary = _is_binary(request)
-    if binary:
-        table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
-    else:
-        content = _model(Steps, body)
-        table, layer = _columns(content, STEP_COLUMNS), content.layer
-        steering, turning_radius = content.steering, content.turning_radius
+    table, content = await _read(request, Steps, columns, STEP_COLUMNS, 4)
+    if content is not None:
+        layer, steering, turning_radius = content.layer, content.steering, content.turning_radius
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
     metres = _metres(ends, moves, context.limits.metres)
@@ -238,7 +227,7 @@ async def post_reward(
                 ends.get("theta0"), ends.get("theta1"), moves,
             )
         )  # fmt: skip
-        return _octets(rewards) if binary else as_json({"reward": rewards.tolist()})
+        return _octets(rewards) if content is None else as_json({"reward": rewards.tolist()})
 
     return await _answer(context, max(len(ends["x0"]), math.ceil(metres / METRES)), work)
 
@@ -299,21 +288,32 @@ class InvalidBodyError(Exception):
         self.response = invalid(error.errors(include_url=False))
 
 
-def _model(model: type[Model], body: bytes) -> Model:
+async def _read(
+    request: Request, model: type[Model], columns: str | None, names: tuple[str, ...], needed: int
+) -> tuple[dict[str, Floats], Model | None]:
+    """Read a body; return its columns, and what it is in JSON; None: it is binary.
+
+    Args:
+        request: The request.
+        model: What it is in JSON.
+        columns: Columns of a binary body; None: those that are needed.
+        names: Columns that there are.
+        needed: Number of leading columns that are required.
+    """
+    body = await request.body()
+    if _is_binary(request):
+        return unpacked(body, columns or ",".join(names[:needed]), names, needed), None
     try:
-        return model.model_validate_json(body)
+        content = model.model_validate_json(body)
     except ValidationError as error:
         raise InvalidBodyError(error) from None
-
-
-def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
-    """Return the columns of a JSON body."""
     given = {name: getattr(content, name) for name in names}
-    return {
+    table = {
         name: np.asarray(column, dtype=np.float64)
         for name, column in given.items()
         if column is not None
     }
+    return table, content
 
 
 def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:

@@ -11,6 +11,7 @@ from starlette.responses import FileResponse, Response
 
 from ambinav.maps.judged_floor import JUDGED, REASONS
 from ambinav.maps.zones import MEANINGS, NOT_FREE, ZONES
+from ambinav.sensing.sight import look
 from ambinav.server.http.context import context_of
 from ambinav.server.http.describe import map_detail, map_info
 from ambinav.server.http.etag import is_known
@@ -22,7 +23,6 @@ from ambinav.server.warming import free_pose
 from ambinav.server.wire import OCTETS
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.studies.audit.cause import cause_of
-from ambinav.studies.audit.sight import look
 
 router = APIRouter(prefix="/v1/maps", tags=["maps"])
 

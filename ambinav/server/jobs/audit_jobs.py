@@ -7,13 +7,12 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from starlette.datastructures import UploadFile
 
-from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import disk_is_full
 from ambinav.server.jobs.plan_jobs import Turns, received, started
@@ -23,7 +22,7 @@ from ambinav.server.jobs.workers import AuditTask, Failure, audits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import ENDING, RETRY, Problem, sentence_of, too_many
 from ambinav.server.served import ServedMap, ServedMaps
-from ambinav.server.wire import read_dataset
+from ambinav.server.wire import read_map
 
 AuditState = Literal["waiting", "running", "done", "failed", "cancelled"]
 OVER: Final = ("done", "failed", "cancelled")
@@ -118,19 +117,13 @@ class Audits:
         """Number of audits that run or wait."""
         return sum(audit.state not in OVER for audit in self._all.values())
 
-    async def begin(
-        self,
-        files: Sequence[UploadFile],
-        scanner: str,
-        spacing: float,
-        radius: float,
-        headings: int | None,
-        client: str,
-        *,
-        level: str | None = None,
-        unit: str | None = None,
-    ) -> Audit:
+    async def begin(self, files: Sequence[UploadFile], task: AuditTask, client: str) -> Audit:
         """Store an upload and start its audit.
+
+        Args:
+            files: The upload.
+            task: The task without what follows from the upload.
+            client: Address of the client.
 
         Raises:
             InputError: the files are not those of one map.
@@ -152,18 +145,10 @@ class Audits:
             upload = await asyncio.to_thread(store, files, folder)
             if self._closed:
                 raise Problem(503, ENDING)
-            task = AuditTask(
-                folder=str(folder),
-                map_name=upload.file,
-                title=upload.title,
-                scanner=scanner,
-                spacing=spacing,
-                radius=radius,
-                headings=headings,
+            task = replace(
+                task, folder=str(folder), map_name=upload.file, title=upload.title,
                 cells=limits.audit_cells,
-                level=level,
-                unit=unit,
-            )
+            )  # fmt: skip
             kept = {**asdict(task), "folder": folder.name, "client": client}
             self._state.keep_job(audit.id, KIND, kept)
         except BaseException:
@@ -189,7 +174,7 @@ class Audits:
                 audit.change(state="failed", detail=result)
             elif state == "done":
                 try:
-                    amap = await asyncio.to_thread(_opened, place / MAP, plain["title"])
+                    amap = await asyncio.to_thread(read_map, place / MAP, plain["title"])
                 except (InputError, OSError) as error:
                     await self._failed(audit, f"Its map can no longer be read: {error}")
                     continue
@@ -229,7 +214,7 @@ class Audits:
                 if news.ours:
                     raise news.error
                 return await self._failed(audit, news.detail)
-            amap = await asyncio.to_thread(_opened, audit.folder / MAP, task.title)
+            amap = await asyncio.to_thread(read_map, audit.folder / MAP, task.title)
             served = self._maps.add(amap, task.title)
             await self._state.job_ended(audit.id, "done", served.name)
             audit.change(state="done", stage="report", done=1.0, served=served)
@@ -270,7 +255,3 @@ async def _stop_all(audits: Sequence[Audit], why: str) -> None:
     for audit in audits:
         if audit.state not in OVER:
             audit.change(state="cancelled", detail=why)
-
-
-def _opened(path: Path, title: str) -> AmbiguityMap:
-    return AmbiguityMap(read_dataset(path), source=title)

@@ -27,7 +27,7 @@ from ambinav.server.jobs.workers import EditTask, Worker, edits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.served import MARK, ServedMap, ServedMaps
-from ambinav.server.wire import read_dataset
+from ambinav.server.wire import read_map
 
 STOP_SECONDS: Final = 10.0
 """In which a process leaves an edit that nobody waits for any more; else it is ended."""
@@ -145,38 +145,26 @@ class Edits:
                 session is at another step.
         """
         try:
-            return await self._step(base, obstacles, session, draft, after, editor)
-        except StaleStepError as stale:
-            raise Problem(409, STALE.format(stale.position), field="after") from None
-
-    async def _step(
-        self,
-        base: ServedMap,
-        obstacles: Obstacles,
-        session: str | None,
-        draft: bool,
-        after: int | None,
-        editor: str | None,
-    ) -> tuple[ServedMap, int | None]:
-        if session is not None:
-            self.state.check_step(after, editor, session, base.name)
-        task = asyncio.ensure_future(self._find(base, obstacles, session))
-        if session is not None:
-            key = session, base.name
-            before = self._latest.get(key)
-            if before is not None:
-                _cancel(before)
-            self._latest[key] = task
-            task.add_done_callback(partial(self._over, key))
-        else:
-            task.add_done_callback(_heard)
-        try:
+            if session is not None:
+                self.state.check_step(after, editor, session, base.name)
+            task = asyncio.ensure_future(self._find(base, obstacles, session))
+            if session is not None:
+                key = session, base.name
+                before = self._latest.get(key)
+                if before is not None:
+                    _cancel(before)
+                self._latest[key] = task
+                task.add_done_callback(partial(self._over, key))
+            else:
+                task.add_done_callback(_heard)
             found = await asyncio.shield(task)
             text = to_json(collection(obstacles)).decode()
             step = self.state.keep_edit(
                 found.name, base.name, text, None if draft else session, after, editor
             )
             return found, step
+        except StaleStepError as stale:
+            raise Problem(409, STALE.format(stale.position), field="after") from None
         except asyncio.CancelledError:
             asking = asyncio.current_task()
             if asking is not None and asking.cancelling():
@@ -248,7 +236,7 @@ class Edits:
             )
             if not obstacles:
                 return base
-            amap = await asyncio.to_thread(_opened, place, base.name)
+            amap = await asyncio.to_thread(read_map, place, base.name)
         finally:
             place.unlink(missing_ok=True)
         if not self._maps.holds(base):
@@ -285,10 +273,6 @@ class Edits:
     def close(self) -> None:
         """Stop all processes."""
         self.pool.close()
-
-
-def _opened(path: Path, name: str) -> AmbiguityMap:
-    return AmbiguityMap(read_dataset(path), source=name)
 
 
 def _heard(task: asyncio.Task[ServedMap]) -> None:

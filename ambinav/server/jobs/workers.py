@@ -28,7 +28,7 @@ from ambinav.runtime.processes import ChildProcess, begin_worker
 from ambinav.runtime.progress import Progress
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.jobs.route_forecasts import route_forecasts
-from ambinav.server.wire import read_dataset, write_dataset
+from ambinav.server.wire import read_map, write_dataset
 from ambinav.service.service import AmbiguityService
 
 PLANNERS: Final = "ambinav_planners"
@@ -38,6 +38,11 @@ NICE: Final = 10
 REPORT_EVERY: Final = 0.2
 """Seconds between two reports of progress."""
 
+FIGURES: Final = (
+    "length", "cost", "exposure", "weight", "layer", "planner", "seed", "zone_metres",
+    "unexplored_metres", "longest_bad", "turn", "seconds",
+)  # fmt: skip
+"""Figures of a route in the answer, named as its attributes."""
 SAME: Final = 1e-6
 """Metres between points of two lattices that are one."""
 WARMING: Final = 0.02
@@ -84,28 +89,28 @@ class AuditTask:
     """A task to audit an uploaded map.
 
     Attributes:
-        folder: Holds the map under `map_name`; report and ambiguity map are written there.
-        map_name: File in the folder.
-        title: Name of the building.
         scanner: YAML text of a scanner.
         spacing: Spacing of the ambiguity map, metres.
         radius: Radius of its neighbourhoods, metres.
         headings: How many; None: the scanner decides.
-        cells: Maximum number of cells, over all headings.
         level: Floor of a plan that holds several, by name or position; None: there is one.
         unit: Unit of a plan's coordinates; None: metres.
+        folder: Holds the map under `map_name`; report and ambiguity map are written there.
+        map_name: File in the folder.
+        title: Name of the building.
+        cells: Maximum number of cells, over all headings.
     """
 
-    folder: str
-    map_name: str
-    title: str
     scanner: str
     spacing: float
     radius: float
-    headings: int | None
-    cells: int
+    headings: int | None = None
     level: str | None = None
     unit: str | None = None
+    folder: str = ""
+    map_name: str = ""
+    title: str = ""
+    cells: int = 0
 
 
 @dataclass(frozen=True)
@@ -170,16 +175,19 @@ def plans(line: Connection) -> None:
     kept: dict[str, AmbiguityMap] = {}
 
     def planned(task: PlanTask) -> Any:
-        if task.map_file not in kept:
-            kept.clear()
-            kept[task.map_file] = AmbiguityMap(
-                read_dataset(Path(task.map_file)), source=task.map_name
-            )
-        return plan(kept[task.map_file], task)
+        return plan(_map_of(task, kept), task)
 
     while True:
         task: PlanTask = line.recv()
         line.send(_outcome(partial(planned, task)))
+
+
+def _map_of(task: PlanTask | EditTask, kept: dict[str, AmbiguityMap]) -> AmbiguityMap:
+    """Return the map of a task; the last one is kept."""
+    if task.map_file not in kept:
+        kept.clear()
+        kept[task.map_file] = read_map(Path(task.map_file), task.map_name)
+    return kept[task.map_file]
 
 
 def _outcome(work: Callable[[], Any]) -> Any:
@@ -226,18 +234,7 @@ def _plain(route: Any) -> dict[str, Any]:
     return {
         "route": route.poses[:, :2].tolist(),
         "theta": route.poses[:, 2].tolist(),
-        "length": route.length,
-        "cost": route.cost,
-        "exposure": route.exposure,
-        "weight": route.weight,
-        "layer": route.layer,
-        "planner": route.planner,
-        "seed": route.seed,
-        "zone_metres": route.zone_metres,
-        "unexplored_metres": route.unexplored_metres,
-        "longest_bad": route.longest_bad,
-        "turn": route.turn,
-        "seconds": route.seconds,
+        **{name: getattr(route, name) for name in FIGURES},
     }
 
 
@@ -258,13 +255,9 @@ def edits(line: Connection) -> None:
             raise _StoppedError
 
     def edited(task: EditTask) -> None:
-        if task.map_file not in kept:
-            kept.clear()
-            kept[task.map_file] = AmbiguityMap(
-                read_dataset(Path(task.map_file)), source=task.map_name
-            )
+        amap = _map_of(task, kept)
         with contextlib.suppress(_StoppedError):
-            edit(kept[task.map_file], task, report)
+            edit(amap, task, report)
 
     while True:
         task: EditTask | None = line.recv()

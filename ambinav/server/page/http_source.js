@@ -11,7 +11,7 @@ export class Problem extends Error {
 
 const KEY = "ambinav-token";
 /** Ids of edited maps are the original's with a mark and a digest. */
-const EDITED = /maps\/[a-z0-9-]*--[0-9a-f]+(\/|$)/;
+const EDITED = /maps\/[A-Za-z0-9_-]*--[0-9a-f]+(\/|$)/;
 
 /** Take the token from the address once, so that it does not stay there. */
 function takeToken() {

@@ -18,6 +18,7 @@ from ambinav.studies.audit.counterfactual.search import (
     PAYS,
     Counterfactual,
     as_good,
+    by_effort,
     find_counterfactuals,
 )
 from ambinav.studies.audit.counterfactual.trips import find_trips
@@ -93,9 +94,7 @@ def decide(
     gated = bool(reaching)
     candidates = as_good(paying)
     if gated:
-        candidates = tuple(
-            sorted(reaching, key=lambda change: (change.effort, change.size, change.after.value))
-        )
+        candidates = by_effort(reaching)
     if not candidates:
         return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]
@@ -187,6 +186,11 @@ def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) ->
 
 
 def _unexplored_sentence(result: Audit) -> str:
+    if not result.parts.unexplored.any():
+        return (
+            f"Close the building first: all floor that the robot can reach in "
+            f"{result.environment.name} is outside of it or at the border of the map."
+        )
     return (
         f"Map the building first: none of the floor that the robot can reach in "
         f"{result.environment.name} is explored."

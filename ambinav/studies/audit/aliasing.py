@@ -16,7 +16,7 @@ from ambinav.layers.aliasing.settle import settle
 from ambinav.layers.context import LayerContext
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.runtime.array_types import Bools, Floats, Ints32
+from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.audit.aliased_pairs import AliasedPair, find_aliased_pairs
 from ambinav.studies.audit.aliasing_tracks import follow
@@ -112,12 +112,7 @@ def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
     """Restrict the free points of a lattice to the judged floor."""
     rows, columns = np.nonzero(lattice.free)
     x, y = lattice.x[columns], lattice.y[rows]
-    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
-    column, row = (
-        np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
-        for at, grid in ((x, grid_x), (y, grid_y))
-    )
-    counted = amap.judged.counted[row, column]
+    counted = amap.judged.counted[_nearest_cells(amap, x, y)]
     free = np.zeros_like(lattice.free)
     free[rows[counted], columns[counted]] = True
     return dataclasses.replace(lattice, free=free)
@@ -159,7 +154,13 @@ def own_places(amap: AmbiguityMap, x: Floats, y: Floats) -> Ints32:
     """Label the corridor or hall of each point: int32 of the shape of x and y; 0 for none."""
     zone = amap.floor("zone", "mean").values
     labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
-    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
-    column = np.clip(np.rint((x - grid_x[0]) / amap.spacing).astype(int), 0, len(grid_x) - 1)
-    row = np.clip(np.rint((y - grid_y[0]) / amap.spacing).astype(int), 0, len(grid_y) - 1)
-    return np.asarray(labels[row, column], dtype=np.int32)
+    return np.asarray(labels[_nearest_cells(amap, x, y)], dtype=np.int32)
+
+
+def _nearest_cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[Ints, Ints]:
+    """Return rows and columns of the cells nearest to points."""
+    row, column = (
+        np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
+        for at, grid in ((y, amap.dataset["y"].values), (x, amap.dataset["x"].values))
+    )
+    return row, column

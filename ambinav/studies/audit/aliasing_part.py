@@ -6,7 +6,7 @@ from pydantic import Field
 
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
 from ambinav.studies.audit.aliasing import AliasingFindings
-from ambinav.studies.audit.repetition import find_repetitions
+from ambinav.studies.audit.repetition import RepetitionPart, find_repetitions
 
 FLOOR_ALIASING = "floor-aliasing"
 """Picture of the aliased floor; its file ends in the format."""
@@ -24,16 +24,6 @@ class AliasedPairPart(Part):
     distance_m: Metres
     area_m2: SquareMetres = Field(description="area of the region of aliased poses")
     likeness: Share = Field(description="mean similarity of the scans, 1 if identical")
-
-
-class RepetitionPart(Part):
-    """Equal parts of the building in a row: the reason why the regions of a letter are aliased."""
-
-    letter: str
-    period_m: Metres = Field(description="distance from each part to the next")
-    direction_deg: Degrees = Field(description="direction of the row, from 0 to 180")
-    count: int = Field(description="number of the parts")
-    sentence: str
 
 
 class AliasingPart(Part):
@@ -67,6 +57,6 @@ def aliasing_part(aliasing: AliasingFindings, image_format: str) -> AliasingPart
         share=aliasing.share if aliasing.sought else None,
         area_m2=aliasing.area if aliasing.sought else None,
         pairs=tuple(map(AliasedPairPart.of, aliasing.pairs)),
-        repetitions=tuple(map(RepetitionPart.of, find_repetitions(aliasing.pairs))),
+        repetitions=find_repetitions(aliasing.pairs),
         picture=f"{FLOOR_ALIASING}.{image_format}" if aliasing.pairs else None,
     )

@@ -16,12 +16,12 @@ from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sight import Sight, look
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.studies.audit.cause import Cause, cause_of
 from ambinav.studies.audit.lost_routes import LostRoutes
 from ambinav.studies.audit.post_search import PostSearch
-from ambinav.studies.audit.sight import Sight, look
 from ambinav.studies.audit.verdict import Verdict
 
 _HEADING_MATTERS = 0.1
@@ -98,6 +98,12 @@ class Audit:
         """Summary of the result in a few plain sentences."""
         robot = f"a robot of radius {self.reach.radius:.2f} m"
         free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
+        if not self.area and not unexplored:
+            reasons = "; ".join(self._left_out_sentence(free))
+            return (
+                f"None of the {metres2(free)} of free floor of {self.environment.name} can be "
+                f"judged for {robot}. {reasons}"
+            )
         if not self.area:
             return (
                 f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} can "
@@ -126,9 +132,10 @@ class Audit:
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
-                "These are means over all headings: at the best heading of each place the robot "
-                f"can tell its position well on {percent(best[LOCALIZABLE].share)}, at the worst "
-                f"heading on {percent(most[LOCALIZABLE].share)}."
+                "Zones are those of half or more of the headings: at the best heading of each "
+                "place the robot can tell its position well on "
+                f"{percent(best[LOCALIZABLE].share)}, at the worst heading on "
+                f"{percent(most[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)
@@ -177,6 +184,7 @@ def audit(
     heading: str | float = "mean",
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
+    lost: LostRoutes | None = None,
 ) -> Audit:
     """Find the worst regions of a map and scan each of them.
 
@@ -191,6 +199,7 @@ def audit(
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
         reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             the floor that a disc of `robot_radius(scanner)` reaches in the largest piece.
+        lost: Forecasts of routes to report, see `ambinav.find_lost_routes`.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or
@@ -224,6 +233,7 @@ def audit(
             for name in ZONES
         },
         aliasing=aliasing,
+        lost=lost,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ambinav.runtime.array_types import Bools
-from ambinav.studies.audit.sight import SAME_DEPTH, SAME_DIRECTION, Sight
+from ambinav.sensing.sight import SAME_DEPTH, SAME_DIRECTION, Sight
 
 FEW: Final = 0.1
 """Share of the beams up to which those that end across a weak direction are called few."""

@@ -13,12 +13,13 @@ from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
+from ambinav.sensing.preset_summary import field_of_view
+from ambinav.sensing.sight import Sight
 from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING, AliasingPart, aliasing_part
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
 from ambinav.studies.audit.lost_routes import LostPart, lost_part
 from ambinav.studies.audit.post_search import PostsPart, posts_part
-from ambinav.studies.audit.sight import Sight
 from ambinav.studies.audit.verdict import VerdictPart, verdict_part
 
 FORMAT = "ambinav-audit/5"
@@ -49,7 +50,7 @@ class ScannerPart(Part):
     description: str
     kind: str
     beams: int
-    aperture_deg: Degrees
+    aperture_deg: Degrees = Field(description="field of view, cones included")
     max_range_m: Metres
     source: str = Field(description="where the scanner's figures come from")
     yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
@@ -240,7 +241,11 @@ def document(audit: Audit, image_format: str = "png") -> Document:
             segments=len(audit.environment.segments),
             notes=(*audit.environment.notes, *audit.reach.notes),
         ),
-        scanner=ScannerPart.of(audit.scanner, yaml=audit.scanner.to_yaml()),
+        scanner=ScannerPart.of(
+            audit.scanner,
+            aperture_deg=math.degrees(field_of_view(audit.scanner)),
+            yaml=audit.scanner.to_yaml(),
+        ),
         floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),
@@ -251,7 +256,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         helps=None if audit.helps is None else posts_part(audit.helps),
         lost=None if audit.lost is None else lost_part(audit.lost),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
-        parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
+        parameters=audit.amap.parameters | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
 
@@ -277,6 +282,8 @@ def place_picture(number: int) -> str:
 def _headings(audit: Audit) -> str:
     if not audit.amap.has_theta:
         return "all alike"
+    if audit.heading == "mean":
+        return "all: zones of half or more of the headings, means of the other layers"
     if isinstance(audit.heading, str):
         return f"{audit.heading} over all headings"
     return f"{math.degrees(audit.heading):.0f} degrees"

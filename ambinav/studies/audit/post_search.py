@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pydantic import Field
 
 from ambinav.reports.fields import Metres, Part, SquareMetres
-from ambinav.studies.design.improved import ImprovedPlace
+from ambinav.studies.design.improved import ImprovedPart
 from ambinav.studies.design.place.candidates import PlaceRules
 from ambinav.studies.design.place.document import ObstaclePart, enough_text, obstacle_parts
 from ambinav.studies.design.place.study import Remedy
@@ -33,7 +33,7 @@ class PostSearch:
     remedy: Remedy | None
     reason: str
     left: tuple[float, ...] = ()
-    improved: tuple[ImprovedPlace, ...] = ()
+    improved: tuple[ImprovedPart, ...] = ()
     zones: tuple[float, ...] | None = None
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from pydantic import Field
 
+from ambinav.reports.fields import Degrees, Metres, Part
 from ambinav.studies.audit.aliased_pairs import AliasedPair
 
 STRAIGHT: Final = 0.2
@@ -22,32 +23,17 @@ FITS: Final = 4
 """Fits of a row to its parts: from two of them alone the far ones would be missed."""
 
 
-@dataclass(frozen=True)
-class Repetition:
-    """Equal parts of a building at one distance from each other.
-
-    Attributes:
-        letter: Letter of their aliased regions.
-        period: Distance from each to the next, metres.
-        direction: Direction of the row, radians in [0, pi), in whole degrees.
-        count: Number of the parts.
-    """
+class RepetitionPart(Part):
+    """Equal parts of the building in a row: the reason why the regions of a letter are aliased."""
 
     letter: str
-    period: float
-    direction: float
-    count: int
-
-    @property
-    def sentence(self) -> str:
-        """The reason in words."""
-        return (
-            f"{self.letter} repeats: {self.count} equal parts of the building stand in a row, "
-            f"{self.period:.1f} m apart, at {math.degrees(self.direction):.0f}° from the x axis."
-        )
+    period_m: Metres = Field(description="distance from each part to the next")
+    direction_deg: Degrees = Field(description="direction of the row, from 0 to 180")
+    count: int = Field(description="number of the parts")
+    sentence: str
 
 
-def find_repetitions(pairs: Sequence[AliasedPair]) -> tuple[Repetition, ...]:
+def find_repetitions(pairs: Sequence[AliasedPair]) -> tuple[RepetitionPart, ...]:
     """Find the row of each letter whose regions stand in one; others have no entry.
 
     Args:
@@ -60,7 +46,7 @@ def find_repetitions(pairs: Sequence[AliasedPair]) -> tuple[Repetition, ...]:
     return tuple(row for row in rows if row is not None)
 
 
-def _row(letter: str, pairs: Sequence[AliasedPair]) -> Repetition | None:
+def _row(letter: str, pairs: Sequence[AliasedPair]) -> RepetitionPart | None:
     """Return the row with the most parts, and of equal ones that with the longest step."""
     places = np.array(
         [pairs[0].ends[0], *(pair.ends[1] for pair in pairs if abs(pair.turn) < STRAIGHT)]
@@ -87,4 +73,10 @@ def _row(letter: str, pairs: Sequence[AliasedPair]) -> Repetition | None:
         return None
     # A row at -0.1 degrees is one at 0 for readers, not one at 180.
     direction = round(math.degrees(float(np.angle(step)))) % 180
-    return Repetition(letter, period, math.radians(direction), count)
+    sentence = (
+        f"{letter} repeats: {count} equal parts of the building stand in a row, {period:.1f} m "
+        f"apart, at {direction}° from the x axis."
+    )
+    return RepetitionPart(
+        letter=letter, period_m=period, direction_deg=direction, count=count, sentence=sentence
+    )

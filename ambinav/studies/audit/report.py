@@ -13,7 +13,7 @@ from typing import Any, Final
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
-from ambinav.reports.number_text import metres2
+from ambinav.reports.number_text import metres2, percent
 from ambinav.reports.parameters import map_parameters
 from ambinav.runtime.files import replacing
 from ambinav.runtime.progress import Progress, silent
@@ -21,6 +21,7 @@ from ambinav.studies.audit.actions import actions
 from ambinav.studies.audit.audit import Audit, axis_degrees, places_text
 from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
+from ambinav.studies.audit.lost_routes import MEASURED
 from ambinav.studies.audit.page import lead, page_map, with_places
 from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.design.improved import improved_text
@@ -138,7 +139,9 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "meaning": "the margin around the building, or reached where the map ends",
         "swatch": style.UNKNOWN,
     }
+    counted = report.floor.counted_area_m2
     filters: dict[str, Callable[..., str]] = {
+        "of_counted": lambda share: percent(share if counted else None),
         "axis_degrees": axis_degrees,
         "places": places_text,
         "improved": lambda places: improved_text(places, named=False),
@@ -148,6 +151,7 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "rest": remainder,
         "actions": actions(report),
         "choice": CHOICE,
+        "measured": MEASURED,
         "parameters": map_parameters(report.parameters),
         "outside": outside,
         "image_format": report.pictures[0].rpartition(".")[2],

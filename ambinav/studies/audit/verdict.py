@@ -109,7 +109,6 @@ def _part(change: Counterfactual) -> CounterfactualPart:
         after_high_m2=change.after.high,
         places=change.after.count,
         zones_m2=None if change.zones is None else dict(zip(ZONES, change.zones, strict=True)),
-        improved=tuple(map(ImprovedPart.of, change.improved)),
         pays=change.removed >= PAYS * change.before,
         scanner=None if change.scanner is None else change.scanner.name,
     )

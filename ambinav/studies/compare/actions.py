@@ -64,13 +64,10 @@ def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
             f"Add a route on {pair}", f"{baseline} is the only one: nothing is compared.", pair=pair
         )
     rank = _rank(best)
-    if rank == 0:
+    if rank < 2:
+        verb = "Consider" if rank else "Drive"
         return rank, Action(
-            f"Drive {best.route} on {pair}", _figures(report, pair, best), pair=pair
-        )
-    if rank == 1:
-        return rank, Action(
-            f"Consider {best.route} on {pair}", _figures(report, pair, best), pair=pair
+            f"{verb} {best.route} on {pair}", _figures(report, pair, best), pair=pair
         )
     if rank == 2:
         return rank, Action(

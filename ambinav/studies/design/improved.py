@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import shapely
+from pydantic import Field
 from scipy.ndimage import distance_transform_edt, find_objects
 from shapely.geometry.base import BaseGeometry
 
@@ -31,25 +31,10 @@ MOST: Final = 3
 _IMPROVED: Final = 1
 
 
-@dataclass(frozen=True)
-class ImprovedPlace:
-    """A connected place that is bad before a change and is not afterwards.
-
-    Attributes:
-        x: Its point farthest from its edge, metres, map frame.
-        y: The same.
-        area: Square metres.
-    """
-
-    x: float
-    y: float
-    area: float
-
-
 class ImprovedPart(Part):
-    """A place that is bad before a change and is not afterwards."""
+    """A connected place that is bad before a change and is not afterwards."""
 
-    x_m: Metres
+    x_m: Metres = Field(description="its point farthest from its edge, map frame")
     y_m: Metres
     area_m2: SquareMetres
 
@@ -59,7 +44,7 @@ def most_improved(
     after: AmbiguityMap,
     parts: JudgedFloor | None = None,
     within: BaseGeometry | None = None,
-) -> tuple[ImprovedPlace, ...]:
+) -> tuple[ImprovedPart, ...]:
     """Return the largest places where bad floor becomes good, the largest first.
 
     Args:
@@ -104,9 +89,7 @@ def zones_after(before: AmbiguityMap, after: AmbiguityMap) -> Bytes:
     )  # fmt: skip
 
 
-def largest_places(
-    amap: AmbiguityMap, mask: Bools, parts: JudgedFloor
-) -> tuple[ImprovedPlace, ...]:
+def largest_places(amap: AmbiguityMap, mask: Bools, parts: JudgedFloor) -> tuple[ImprovedPart, ...]:
     """Return the largest connected places of a mask of the floor, the largest first.
 
     Pieces are one place as the bad places of an audit are (`find_regions`).
@@ -127,7 +110,7 @@ def largest_places(
         depth = distance_transform_edt(np.pad(labels[rows, columns] == label, 1))[1:-1, 1:-1]
         row, column = np.unravel_index(int(depth.argmax()), depth.shape)
         area = float(cells[label - 1]) * amap.cell_area
-        places.append(ImprovedPlace(float(x[columns][column]), float(y[rows][row]), area))
+        places.append(ImprovedPart(x_m=x[columns][column], y_m=y[rows][row], area_m2=area))
     return tuple(places)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.runtime.array_types import Floats
-from ambinav.studies.diff.provenance import Differing, differing_parameters, same_content
-from ambinav.studies.diff.regions import ChangedRegion, changed_regions
+from ambinav.studies.diff.provenance import ParameterPart, differing_parameters, same_content
+from ambinav.studies.diff.regions import RegionPart, changed_regions
 from ambinav.studies.diff.registration import CommonLattice, ReadMap, common_lattice, read_on
 from ambinav.studies.diff.walls import missing_walls, tolerance
 
@@ -41,11 +41,11 @@ class Difference:
     before: ReadMap
     after: ReadMap
     parts: tuple[JudgedFloor, JudgedFloor]
-    regions: tuple[ChangedRegion, ...]
+    regions: tuple[RegionPart, ...]
     new_walls: Floats
     gone_walls: Floats
     wall_tolerance: float
-    parameters: tuple[Differing, ...]
+    parameters: tuple[ParameterPart, ...]
     identical: bool
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -11,10 +11,11 @@ from pydantic import Field
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.style import ZONE_COLOURS
-from ambinav.reports.fields import Metres, Part, Share, SquareMetres, rounded
+from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.runtime.array_types import Floats
 from ambinav.studies.diff.difference import Difference
-from ambinav.studies.diff.regions import NOTABLE
+from ambinav.studies.diff.provenance import ParameterPart
+from ambinav.studies.diff.regions import NOTABLE, LevelChange, RegionPart
 from ambinav.studies.diff.registration import COUNTED, STATES
 from ambinav.studies.diff.walls import total_length
 from ambinav.version import __version__
@@ -26,7 +27,6 @@ UNLIKE: Final = 0.4
 """Share of the walls that either map has for itself, from which the two may not fit together."""
 
 
-LevelChange = Annotated[float, rounded(4)]
 Stretch = tuple[Metres, Metres, Metres, Metres]
 
 
@@ -88,20 +88,6 @@ class LevelPart(Part):
     better_m2: SquareMetres
 
 
-class RegionPart(Part):
-    """A region that differs."""
-
-    number: int
-    kind: Literal["worse", "better", "new floor"]
-    x_m: Metres = Field(description="the point that has changed most")
-    y_m: Metres
-    area_m2: SquareMetres
-    change: LevelChange = Field(description="mean difference of the level; of new floor its level")
-    largest: LevelChange = Field(description="the same at (x, y)")
-    before: str
-    after: str
-
-
 class WallsPart(Part):
     """Walls that only one of the maps has."""
 
@@ -112,14 +98,6 @@ class WallsPart(Part):
     after_m: Metres = Field(description="length of all walls of the second map")
     new: tuple[Stretch, ...] = Field(description="ax, ay, bx, by; the longest first")
     gone: tuple[Stretch, ...]
-
-
-class ParameterPart(Part):
-    """A parameter that differs."""
-
-    name: str
-    before: str
-    after: str
 
 
 class Document(Part):
@@ -167,7 +145,7 @@ def document(result: Difference, places: int) -> Document:
         changed_zone_m2=table[:COUNTED, :COUNTED].sum() - np.trace(table[:COUNTED, :COUNTED]),
         transitions=_transitions(table),
         level=_level(result.rise[before.counted & after.counted], cell),
-        regions=tuple(map(RegionPart.of, result.regions[:places])),
+        regions=result.regions[:places],
         regions_in_all=len(result.regions),
         walls=WallsPart(
             tolerance_m=result.wall_tolerance,
@@ -178,10 +156,7 @@ def document(result: Difference, places: int) -> Document:
             new=_longest(result.new_walls),
             gone=_longest(result.gone_walls),
         ),
-        parameters=tuple(
-            ParameterPart(name=parameter.name, before=parameter.first, after=parameter.second)
-            for parameter in result.parameters
-        ),
+        parameters=result.parameters,
     )
     return made.model_copy(update={"summary": summary(made)})
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Set
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import yaml
+from pydantic import Field
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.reports.fields import Part
 from ambinav.reports.pages import cell
 
 _PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
@@ -24,22 +25,15 @@ _RESULTS: Final = frozenset({"parameters.free_poses"})
 _ABSENT: Final = "-"
 
 
-@dataclass(frozen=True)
-class Differing:
-    """A parameter that differs.
+class ParameterPart(Part):
+    """A parameter that differs, with its values in the first and in the second map."""
 
-    Attributes:
-        name: Name, with dots between nested keys: "scanner.parts.0.sensor.max_range".
-        first: Value in the first map, as text; "-": it has none.
-        second: The same in the second map.
-    """
-
-    name: str
-    first: str
-    second: str
+    name: str = Field(description="with dots between nested keys")
+    before: str = Field(description='as text; "-": the first map has none')
+    after: str
 
 
-def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Differing, ...]:
+def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[ParameterPart, ...]:
     """Return the parameters, scanner, building and versions that differ, in the maps' order.
 
     Two files of one building differ in name and bytes alone; neither is listed then.
@@ -49,7 +43,7 @@ def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Dif
         for name in FILE:
             ours.pop(name), theirs.pop(name)
     return tuple(
-        Differing(name, _text(ours, name), _text(theirs, name))
+        ParameterPart(name=name, before=_text(ours, name), after=_text(theirs, name))
         for name in dict.fromkeys([*ours, *theirs])
         if name not in _RESULTS and ours.get(name, _ABSENT) != theirs.get(name, _ABSENT)
     )

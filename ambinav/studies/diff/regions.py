@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy import ndimage
 
 from ambinav.maps.zones import BAD
+from ambinav.reports.fields import Metres, Part, SquareMetres, rounded
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.studies.diff.registration import STATES, CommonLattice, ReadMap
 
@@ -21,37 +22,26 @@ LEAST_AREA: Final = 1.0
 _NEIGHBOURS: Final = np.ones((3, 3), dtype=np.bool_)
 
 
-@dataclass(frozen=True)
-class ChangedRegion:
-    """A region that differs.
+LevelChange = Annotated[float, rounded(4)]
 
-    Attributes:
-        number: Rank, from 1: by the change in level times area.
-        kind: "worse" or "better" by level, or "new floor": a corridor or open zone on floor that
-            the first map does not count.
-        x: Metres; the point that has changed most.
-        y: Metres.
-        area: Square metres.
-        change: Mean difference of the level; of new floor its mean level.
-        largest: Difference of the level at (x, y); of new floor the level there.
-        before: State of most of it in the first map, one of `STATES`.
-        after: The same in the second map.
-    """
 
-    number: int
+class RegionPart(Part):
+    """A region that differs."""
+
+    number: int = Field(description="rank, from 1: by the change in level times area")
     kind: Kind
-    x: float
-    y: float
-    area: float
-    change: float
-    largest: float
+    x_m: Metres = Field(description="the point that has changed most")
+    y_m: Metres
+    area_m2: SquareMetres
+    change: LevelChange = Field(description="mean difference of the level; of new floor its level")
+    largest: LevelChange = Field(description="the same at (x, y)")
     before: str
     after: str
 
 
 def changed_regions(
     lattice: CommonLattice, first: ReadMap, second: ReadMap
-) -> tuple[ChangedRegion, ...]:
+) -> tuple[RegionPart, ...]:
     """Find the regions that differ notably, the most important first.
 
     Args:
@@ -66,18 +56,22 @@ def changed_regions(
         ("better", rise <= -NOTABLE, rise),
         ("new floor", ambiguous, second.level),
     )
-    regions = [
-        region
+    weighed = [
+        found
         for kind, mask, change in masks
-        for region in _regions(lattice, kind, mask, change, first, second)
+        for found in _regions(lattice, kind, mask, change, first, second)
     ]
-    regions.sort(key=lambda region: -abs(region.change) * region.area)
-    return tuple(replace(region, number=number) for number, region in enumerate(regions, start=1))
+    weighed.sort(key=lambda found: -found[0])
+    return tuple(
+        region.model_copy(update={"number": number})
+        for number, (_, region) in enumerate(weighed, start=1)
+    )
 
 
 def _regions(
     lattice: CommonLattice, kind: Kind, mask: Bools, change: Floats, first: ReadMap, second: ReadMap
-) -> list[ChangedRegion]:
+) -> list[tuple[float, RegionPart]]:
+    """Return the regions of a kind, each with its change in level times area."""
     labels, _ = ndimage.label(mask, structure=_NEIGHBOURS)
     least = LEAST_AREA / lattice.cell_area
     regions = []
@@ -88,19 +82,19 @@ def _regions(
             continue
         values = np.where(inside, np.abs(change[box]), -1.0)
         row, column = np.unravel_index(int(values.argmax()), values.shape)
-        regions.append(
-            ChangedRegion(
-                0,
-                kind,
-                float(lattice.x[box[1]][column]),
-                float(lattice.y[box[0]][row]),
-                cells * lattice.cell_area,
-                float(change[box][inside].mean()),
-                float(change[box][row, column]),
-                _prevailing(first.state[box][inside]),
-                _prevailing(second.state[box][inside]),
-            )
+        area, mean = cells * lattice.cell_area, float(change[box][inside].mean())
+        region = RegionPart(
+            number=0,
+            kind=kind,
+            x_m=lattice.x[box[1]][column],
+            y_m=lattice.y[box[0]][row],
+            area_m2=area,
+            change=mean,
+            largest=change[box][row, column],
+            before=_prevailing(first.state[box][inside]),
+            after=_prevailing(second.state[box][inside]),
         )
+        regions.append((abs(mean) * area, region))
     return regions
 
 

@@ -11,14 +11,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from ambinav.map_building.same_code import SameCode
+from ambinav.map_building.same_code import do_all
 from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.processes import processors
 from ambinav.runtime.progress import Progress, silent
-from ambinav.runtime.work_queue import do_here
-from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.fleet.batch import Batch
 from ambinav.studies.fleet.catalogue import ITEMS
@@ -192,14 +189,7 @@ def _done(
 ) -> tuple[UnitDone, ...]:  # fmt: skip
     """Do the work for all units; return the results by site and scanner."""
     queue = FleetQueue(work, deque(units), progress, len(units))
-    if scheduler is not None:
-        from ambinav.runtime.cluster import do_on_cluster
-
-        do_on_cluster(queue, SameCode(work, work.computed_by), scheduler, OPTION)
-    elif workers == 0:
-        do_here(queue, work)
-    else:
-        do_in_processes(queue, work, workers or processors())
+    do_all(queue, work, work.computed_by, workers, scheduler, OPTION)
     return tuple(done for _, done in sorted(queue.results.items()))
 
 

@@ -28,6 +28,8 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
 
     What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
     """
+    if problem.belief.std > problem.belief.max_std:
+        return PlannerResult(None)
     started = time.perf_counter()
     graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
     model = replace(problem.belief, weight=problem.service.weight)
@@ -55,6 +57,8 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.
     """
+    if problem.belief.std > problem.belief.max_std:
+        return PlannerResult(None)
     # Imported here because it needs OMPL, unlike the other planner.
     from ambinav_planners.roadmap import grown_graph
 
@@ -101,6 +105,7 @@ BELIEF = Planner(
     spaces=("r2",),
     uses_ompl=False,
     minimises_cost=False,
+    uses_budget=False,
 )
 BELIEF_ROADMAP = Planner(
     "belief-roadmap",

@@ -109,7 +109,7 @@ def is_free(poses: Floats, problem: Problem) -> bool:
     """
     checker = problem.checker
     free = checker.motions_free(poses[:-1], poses[1:])
-    if problem.steering.space != "dubins":
+    if not checker.is_directed:
         free |= checker.motions_free(poses[1:], poses[:-1])
     return bool(checker.poses_free(poses[:1])[0] and free.all())
 

@@ -62,13 +62,13 @@ class MotionGraph:
         Args:
             poses: Shape (N, 3); each must be free.
             pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
-                directions where the path back is the same; where it is not (cars that only drive
-                forwards, maps with headings in r2) each way is checked and measured apart.
+                directions where the path back is the same; where it is not (robots whose way
+                back is another, maps with headings in r2) each is checked and measured apart.
             service: Service for the cost per metre.
             checker: Collision checker of the robot, with its kind of motion.
         """
         steering = checker.steering
-        one_way = steering.space == "dubins" or (steering.space == "r2" and service.has_headings)
+        one_way = checker.is_directed or (steering.space == "r2" and service.has_headings)
         if one_way:
             pairs = np.concatenate([pairs, pairs[:, ::-1]])
         pairs = pairs[checker.motions_free(poses[pairs[:, 0]], poses[pairs[:, 1]])]

@@ -38,12 +38,14 @@ class LatticeGraph:
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
         service: Service for the cost per metre.
         parts: Into how many cells the edge of a cell of the map is divided.
+        both_ways: Whether the way back of each motion is free too and costs the same.
     """
 
     graph: MotionGraph
     cell: Ints32
     service: AmbiguityService
-    parts: int = 1
+    parts: int
+    both_ways: bool
 
     @classmethod
     def build(
@@ -73,7 +75,8 @@ class LatticeGraph:
             pairs = _pairs_near(poses, added, CHANNEL_REACH * spacing)
             poses = np.concatenate([poses, added])
             graph = joined(graph, MotionGraph.of_motions(poses, pairs, service, checker))
-        return cls(graph, cell, service, parts)
+        both_ways = not (service.has_headings or checker.is_directed)
+        return cls(graph, cell, service, parts, both_ways)
 
     @cached_property
     def into(self) -> tuple[Ints, Ints32, Ints]:
@@ -81,10 +84,10 @@ class LatticeGraph:
 
         Without numbers where each motion costs as much as its way back, which stands in its place.
         """
-        if self.service.has_headings:
-            begin, source, motion = reversed_graph(self.graph.first, self.graph.target)
-            return begin, source, motion
-        return self.graph.first, self.graph.target, np.empty(0, dtype=np.int64)
+        if self.both_ways:
+            return self.graph.first, self.graph.target, np.empty(0, dtype=np.int64)
+        begin, source, motion = reversed_graph(self.graph.first, self.graph.target)
+        return begin, source, motion
 
     def with_ends(self, ends: Floats, checker: CollisionChecker) -> MotionGraph:
         """Return the graph with more poses, (K, 3), as its last nodes; see `end_motions`."""
@@ -108,11 +111,11 @@ class LatticeGraph:
             distance = np.hypot(*(self.graph.poses[:, :2] - end[:2]).T)
             for reach in REACH:
                 near = np.flatnonzero(distance <= reach)
-                seen = near[
-                    checker.motions_free(
-                        np.broadcast_to(end, (len(near), 3)).copy(), self.graph.poses[near]
-                    )
-                ]
+                here, there = np.tile(end, (len(near), 1)), self.graph.poses[near]
+                free = checker.motions_free(here, there)
+                if checker.is_directed:
+                    free |= checker.motions_free(there, here)
+                seen = near[free]
                 if len(seen):
                     break
             pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))

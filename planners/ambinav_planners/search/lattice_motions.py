@@ -72,13 +72,14 @@ def lattice_motions(
     cells = margin.ravel(), places, offsets
     steering = checker.steering
     kind, radius = steering.kind, steering.kernel_radius
-    onward = np.zeros(count, dtype=np.uint32)
+    steps = np.zeros(count, dtype=np.uint32)
     run_rows(
-        _mark_onward, count, *cells, poses, room, outer, lengths, kind, radius, *checker.arrays,
-        onward, least=64,
+        _mark_free, count, *cells, poses, room, outer, lengths, kind, radius, *checker.arrays,
+        2 * HALF if checker.is_directed else HALF, steps, least=64,
     )  # fmt: skip
-    steps = np.empty(count, dtype=np.uint32)
-    run_rows(_mark_all, count, *cells, onward, steps, least=4096)
+    if not checker.is_directed:
+        onward, steps = steps, np.empty(count, dtype=np.uint32)
+        run_rows(_mark_all, count, *cells, onward, steps, least=4096)
     first = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bitwise_count(steps), out=first[1:])
     target = np.empty(first[-1], dtype=np.int32)
@@ -86,36 +87,38 @@ def lattice_motions(
     graded, is_length = service.graded, service.plain is None
     plain = graded.values if is_length else service.plain
     fixed = length if is_length else np.empty_like(length)
+    both_ways = not (service.has_headings or checker.is_directed)
     run_rows(
-        _measure, count, *cells, poses, lengths, first, steps, kind, radius,
-        not service.has_headings, is_length, plain, graded.values, *graded.origin,
-        1.0 / graded.spacing, target, length, fixed, exposure, least=64,
+        _measure, count, *cells, poses, lengths, first, steps, kind, radius, both_ways, is_length,
+        plain, graded.values, *graded.origin, 1.0 / graded.spacing, target, length, fixed, exposure,
+        least=64,
     )  # fmt: skip
     return MotionGraph(poses, first, target, length, fixed, exposure, steering)
 
 
 @kernel
-def _mark_onward(
+def _mark_free(
     low, high, cell, places, offsets, poses, room, outer, lengths, kind, radius, table, bound,
-    forbidden, onward,
+    forbidden, tried, steps,
 ):  # fmt: skip
-    """Mark the free ones of `STEPS`, a bit each.
+    """Mark the free ones of the first steps that are tried, a bit each; see `_mark_all`.
 
     Each point of a straight motion is as far from the walls as the roomier end less its distance
     from it; so between two ends with room enough nothing has to be looked at.
     """
     for n in range(low, high):
         marks = 0
-        for k in range(HALF):
-            m = cell[places[n] + offsets[k]]
+        for k in range(tried):
+            way = k % HALF
+            m = cell[places[n] + (offsets[way] if k < HALF else -offsets[way])]
             if m < 0:
                 continue
-            if room[n] + room[m] - lengths[k] >= 2.0 * outer or motion_free(
+            if room[n] + room[m] - lengths[way] >= 2.0 * outer or motion_free(
                 kind, radius, poses[n, 0], poses[n, 1], 0.0, poses[m, 0], poses[m, 1], 0.0,
                 table, bound, forbidden,
             ):  # fmt: skip
                 marks |= 1 << k
-        onward[n] = marks
+        steps[n] = marks
 
 
 @kernel

@@ -60,12 +60,15 @@ def weights_of_headings(circle: Floats, headings: int) -> Floats:
 
     Args:
         circle: Directions of gradients, (M, 2).
-        headings: K headings of travel evenly around the circle. Between two of them the gradient
-            may be steeper by the cosine of half their angle.
+        headings: K headings of travel evenly around the circle. Between two of them, `step` apart,
+            a gradient falls by (sin(step - t) a + sin(t) b) / sin(step), where it falls by a and b
+            along them, and costs are linear in t, however different the two are. Of each of these
+            terms sin(t) / sin(step) is at most step / sin(step) times its share t / step.
     """
-    angle = 2.0 * math.pi / headings * np.arange(headings)
+    step = 2.0 * math.pi / headings
+    angle = step * np.arange(headings)
     fall = -circle @ np.stack([np.cos(angle), np.sin(angle)])
-    weights = np.cos(math.pi / headings) / np.maximum(fall, 1e-9)
+    weights = math.sin(step) / step / np.maximum(fall, 1e-9)
     return np.asarray(np.where(fall > 1e-9, weights, math.inf))
 
 

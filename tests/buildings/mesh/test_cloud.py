@@ -439,8 +439,8 @@ def test_a_tilted_cloud_is_levelled(
     for tilt in (0.0, math.radians(degrees)):
         skew = np.array([[0.0, 0.0, axis[1]], [0.0, 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
         turn = np.eye(3) + math.sin(tilt) * skew + (1.0 - math.cos(tilt)) * skew @ skew
-        path = tmp_path / f"{tilt:.3f}.xyz"
-        np.savetxt(path, hall @ turn.T + (300.0, -200.0, 5.0), fmt="%.4f")
+        path = tmp_path / f"{tilt:.3f}.ply"
+        write_ply(path, hall @ turn.T + (300.0, -200.0, 5.0))
         found = read_cloud(path, voxel=0.1)
         assert any("levelled" in note for note in found.notes) == (tilt > 0.0)
         areas.append(floor_environment(found, 0.5, 0.2).free.area)

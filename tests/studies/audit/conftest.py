@@ -42,3 +42,10 @@ def sonar() -> RangeScanner:
 @pytest.fixture(scope="session")
 def examined(building, laser) -> Audit:
     return audit(AmbiguityMap(synthetic.dataset()), building, laser, places=4)
+
+
+@pytest.fixture(autouse=True)
+def coarse_unless_reported(request: pytest.FixtureRequest) -> None:
+    """Draw coarse pictures, but in the tests of reports."""
+    if "report" not in request.node.nodeid:
+        request.getfixturevalue("coarse_pictures")

@@ -12,8 +12,8 @@ from shapely import affinity
 
 import ambinav as an
 from ambinav.geometry.extrude import extruded
+from ambinav.sensing.sight import look
 from ambinav.studies.audit.cause import Cause, cause_of
-from ambinav.studies.audit.sight import look
 
 SCANNER = an.RangeScanner.planar(
     sensor=an.RangeSensor(max_range=3.5, std=0.01, resolution=0.01), beams=720, aperture=math.tau

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from matplotlib.colors import to_rgb
 
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.shapes import environment_from_shapes
+from ambinav.cli.map import note_unjudged
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -25,6 +27,7 @@ from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
+from ambinav.studies.audit.advise import advise
 from ambinav.studies.audit.aliasing import find_aliasing
 from ambinav.studies.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.studies.audit.audit import Audit, audit, robot_radius
@@ -303,3 +306,26 @@ def test_shares_of_a_picture_are_of_what_counts(amap, found):
     labels = [t.get_text() for t in plot_zones(amap).get_legend().get_texts()]
     corridor = amap.zone_shares(mask=amap.judged.counted)[2]
     assert f"corridor\n{percent(corridor.share)}, {metres2(corridor.area)}" in labels
+
+
+def test_a_map_without_walls_is_not_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All of it is outside: no figure says that something is localizable, or unexplored."""
+    state = np.full((50, 60), FREE, dtype=np.uint8)
+    state[20:25, 25:30] = OCCUPIED
+    env = environment_from_grid(OccupancyGrid(state, CELL))
+    far = RangeScanner.from_preset("turtlebot3-lds")
+    amap = build_map(env, far, spacing=0.4)
+    assert "of 0 m^2 judged\n" in repr(amap)
+    with pytest.warns(InputWarning, match="touches the rim"):
+        result = advise(audit(amap, env, far))
+    assert result.verdict is not None and "outside of it" in result.verdict.sentence
+    assert "are outside of the building" in result.summary
+    assert "unexplored" not in result.summary + result.verdict.sentence
+    write_audit(result, tmp_path / "out")
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert f"localizable | 0.0 m² | {percent(None)} |" in text
+    assert f"all explored, reachable floor | 0.0 m² | {percent(None)} | 0 % |" in text
+    note_unjudged(amap)
+    assert "outside of the building." in capsys.readouterr().err

@@ -39,8 +39,8 @@ def test_a_row_is_found(count: int, period: float, direction: float, seed: int) 
     places = complex(*rng.uniform(-20.0, 20.0, 2)) + step * rng.permutation(count) + off
     (row,) = find_repetitions(pairs(places.tolist()))
     assert row.count == count
-    assert row.period == pytest.approx(period, abs=0.1)
-    turned = (row.direction - direction + math.pi / 2) % math.pi - math.pi / 2
+    assert row.period_m == pytest.approx(period, abs=0.1)
+    turned = (math.radians(row.direction_deg) - direction + math.pi / 2) % math.pi - math.pi / 2
     assert abs(turned) < 0.1 / period + math.radians(0.6)
 
 

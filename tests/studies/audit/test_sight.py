@@ -11,7 +11,7 @@ from ambinav.geometry.extrude import extruded
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.scan import plot_scan
 from ambinav.sensing import RangeScanner, RangeSensor
-from ambinav.studies.audit.sight import count_surfaces, look
+from ambinav.sensing.sight import count_surfaces, look
 from tests.geometry import scenes
 from tests.maps import synthetic
 

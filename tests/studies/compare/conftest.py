@@ -38,6 +38,11 @@ def ring(left: float, low: float, right: float, high: float) -> list[list[float]
 
 
 @pytest.fixture(autouse=True)
+def quickly_drawn(coarse_pictures: None) -> None:
+    """Draw coarse pictures, which take half of a comparison's time here."""
+
+
+@pytest.fixture(autouse=True)
 def seeded_plans(forked_plans: object) -> None:
     """Start no interpreter for each plan with a seed."""
 

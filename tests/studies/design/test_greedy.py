@@ -99,13 +99,13 @@ def test_pairs_are_all_tried(helped: Remedy) -> None:
     effects = without(helped)
     found = enumerated(effects, helped.trials, numbers, 2, PASSAGE)
     gains = [
-        effects.tried([helped.trials.candidates[i].obstacle for i in pair]).gain.cost
+        effects.tried([helped.trials.candidates[i].obstacle for i in pair]).gain
         for pair in itertools.combinations(numbers, 2)
         if apart(*(helped.trials.candidates[i] for i in pair), PASSAGE)
     ]
     assert found is not None
     assert found.subsets == len(gains)
-    assert found.best == pytest.approx(max(gains))
+    assert found.best == pytest.approx(max(gains, key=lambda gain: gain.cost).bad, abs=1e-4)
     assert 0.6 < found.share <= 1.0
 
 
@@ -120,7 +120,7 @@ def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
         for i, j in itertools.combinations(range(len(trials.candidates)), 2)
         if apart(trials.candidates[i], trials.candidates[j], PASSAGE)
     )
-    assert found.covered == pytest.approx(most)
+    assert found.covered == pytest.approx(most, abs=1e-4)
     assert found.bound == pytest.approx(most, abs=1e-2)
     assert found.greedy <= found.covered
 

@@ -46,5 +46,5 @@ def test_places_come_by_their_area(corridor: an.AmbiguityMap) -> None:
     counted, x = before.judged.counted, before.dataset["x"].values
     for place, box in zip(found, (middle, left), strict=True):
         inside = counted[:, (x > box[0]) & (x < box[2])].sum() * before.spacing**2
-        assert place.area == pytest.approx(inside)
-        assert box[0] < place.x < box[2]
+        assert place.area_m2 == pytest.approx(inside, abs=0.01)
+        assert box[0] < place.x_m < box[2]

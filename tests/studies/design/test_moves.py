@@ -131,9 +131,8 @@ def test_a_building_that_has_not_aged_gives_the_same_gain(
 def test_aged_buildings_differ_by_the_seed_alone(hall: Remedy) -> None:
     obstacles = tuple(candidate.obstacle for candidate in hall.chosen)
     first, again, other = (
-        gains_in_aged(bare(hall), obstacles, 2, PASSAGE, np.random.default_rng(seed)).gain
+        gains_in_aged(bare(hall), obstacles, 2, PASSAGE, np.random.default_rng(seed)).gain_low
         for seed in (1, 1, 2)
     )
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).any()
-    assert (first > 0.0).all()
+    assert first == again != other
+    assert first > 0.0

@@ -28,14 +28,18 @@ def write_room(path: Path, width: float, height: float = 3.0) -> None:
     path.write_text(json.dumps(plan))
 
 
-@pytest.fixture
-def sites(tmp_path: Path) -> Path:
+def write_sites(folder: Path) -> Path:
     """A closed room, a corridor that is longer than the range, and a file that is no plan."""
-    folder = tmp_path / "sites"
     write_room(folder / "room.geojson", 3.0)
     write_room(folder / "north" / "corridor.geojson", 30.0, 2.0)
     (folder / "broken.wkt").write_text("POLYGON((")
     return folder
+
+
+@pytest.fixture
+def sites(tmp_path: Path) -> Path:
+    """Sites that a test may change."""
+    return write_sites(tmp_path / "sites")
 
 
 def audited(sites: Path, output: Path | str) -> Fleet:

@@ -8,6 +8,7 @@ import os
 import random
 import signal
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 
 import fsspec
@@ -17,11 +18,11 @@ import ambinav as an
 from ambinav.maps.address import Address
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.runtime.errors import InputError
-from ambinav.studies.fleet.fleet import FleetQueue, run_fleet, units_of
+from ambinav.studies.fleet.fleet import Fleet, FleetQueue, run_fleet, units_of
 from ambinav.studies.fleet.report import STUDY
 from ambinav.studies.fleet.sites import read_sites
 from ambinav.studies.fleet.unit import FleetWork
-from tests.studies.fleet.conftest import SCANNERS, SETTINGS, audited, write_room
+from tests.studies.fleet.conftest import SCANNERS, SETTINGS, audited, write_room, write_sites
 
 APART = ("runs.parquet", "work/lock")
 """Files that differ from run to run."""
@@ -43,12 +44,32 @@ def files_in(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
+@dataclass(frozen=True)
+class Undisturbed:
+    """Sites, and what one process makes of them in one go."""
+
+    sites: Path
+    output: Path
+    fleet: Fleet
+
+    @property
+    def content(self) -> dict[str, bytes]:
+        return content(files_in(self.output))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    sites = write_sites(folder / "sites")
+    return Undisturbed(sites, folder / "out", audited(sites, folder / "out"))
+
+
 @pytest.mark.slow
-def test_figures_are_those_of_maps_built_apart(sites: Path, tmp_path: Path) -> None:
+def test_figures_are_those_of_maps_built_apart(undisturbed: Undisturbed) -> None:
     from pyarrow import parquet
 
-    fleet = audited(sites, tmp_path / "out")
-    rows = parquet.read_table(tmp_path / "out" / "figures.parquet").to_pylist()
+    sites, fleet = undisturbed.sites, undisturbed.fleet
+    rows = parquet.read_table(undisturbed.output / "figures.parquet").to_pylist()
     names = ("broken", "north/corridor", "room")
     keys = [(site, scanner) for site in names for scanner in sorted(SCANNERS)]
     assert [(row["site"], row["scanner"]) for row in rows] == keys
@@ -71,10 +92,8 @@ def test_figures_are_those_of_maps_built_apart(sites: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_order_and_place_change_no_byte(sites: Path, tmp_path: Path) -> None:
-    audited(sites, tmp_path / "out")
-    wanted = content(files_in(tmp_path / "out"))
-    units = [*units_of(read_sites(str(sites)), SCANNERS)]
+def test_order_and_place_change_no_byte(undisturbed: Undisturbed) -> None:
+    units = [*units_of(read_sites(str(undisturbed.sites)), SCANNERS)]
     random.Random(1).shuffle(units)
     system = fsspec.filesystem("memory")
     try:
@@ -83,7 +102,7 @@ def test_order_and_place_change_no_byte(sites: Path, tmp_path: Path) -> None:
         files = {
             path.removeprefix(root): system.cat_file(path) for path in system.find("/fleet-out")
         }
-        assert content(files) == wanted
+        assert content(files) == undisturbed.content
         again = run_fleet(units, "memory://fleet-out/a", SETTINGS, workers=0)
         assert again.made == 2  # the broken ones
     finally:
@@ -136,8 +155,7 @@ def test_a_unit_whose_workers_are_killed_fails_at_the_third(sites: Path, tmp_pat
 
 
 @pytest.mark.slow(minutes=0.3)
-def test_killed_workers_change_no_byte(sites: Path, tmp_path: Path) -> None:
-    audited(sites, tmp_path / "out")
+def test_killed_workers_change_no_byte(undisturbed: Undisturbed, tmp_path: Path) -> None:
     killed: list[int] = []
 
     def kill(share: float) -> None:
@@ -146,21 +164,21 @@ def test_killed_workers_change_no_byte(sites: Path, tmp_path: Path) -> None:
             killed.append(child.pid or 0)
             os.kill(child.pid or 0, signal.SIGKILL)
 
-    units = units_of(read_sites(str(sites)), SCANNERS)
+    units = units_of(read_sites(str(undisturbed.sites)), SCANNERS)
     run_fleet(units, tmp_path / "killed", SETTINGS, workers=2, progress=kill)
     assert len(killed) == 2 and not multiprocessing.active_children()
-    assert content(files_in(tmp_path / "killed")) == content(files_in(tmp_path / "out"))
+    assert content(files_in(tmp_path / "killed")) == undisturbed.content
 
 
 @pytest.mark.slow(minutes=0.3)
-def test_a_cluster_writes_the_same_bytes(sites: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("dask_forks")
+def test_a_cluster_writes_the_same_bytes(undisturbed: Undisturbed, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    audited(sites, tmp_path / "out")
-    units = units_of(read_sites(str(sites)), SCANNERS)
+    units = units_of(read_sites(str(undisturbed.sites)), SCANNERS)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
     ) as cluster:
         address = cluster.scheduler_address
         fleet = run_fleet(units, tmp_path / "cluster", SETTINGS, scheduler=address)
     assert fleet.made == 6
-    assert content(files_in(tmp_path / "cluster")) == content(files_in(tmp_path / "out"))
+    assert content(files_in(tmp_path / "cluster")) == undisturbed.content

@@ -12,6 +12,7 @@ import numpy as np
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.layout import Part, Planar
+from ambinav.sensing.preset_summary import field_of_view
 from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
 
@@ -102,7 +103,8 @@ def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
             parts=tuple(_with_aperture(part, aperture) for part in scanner.parts),
             name=f"{scanner.name} (aperture {value:g})",
         )
-        title = f"Use an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
+        now, then = (math.degrees(field_of_view(s)) for s in (scanner, wider))
+        title = f"Use an aperture of {then:.0f}° instead of {now:.0f}°"
         changes.append(ScannerChange("aperture", title, wider, value))
     return tuple(changes)
 
@@ -139,11 +141,11 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
         other = RangeScanner.from_preset(name)
         if other.kind != scanner.kind or name == scanner.name or other.upright.any():
             continue
-        wider = other.aperture - scanner.aperture
+        wider = field_of_view(other) - field_of_view(scanner)
         if wider < -SLIGHT or (wider < SLIGHT and other.max_range <= scanner.max_range):
             continue
         other = at_mount_of(scanner, other)
-        title = f"Use {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
+        title = f"Use {name} ({other.max_range:g} m, {math.degrees(field_of_view(other)):.0f}°)"
         yield ScannerChange("scanner", title, other)
 
 

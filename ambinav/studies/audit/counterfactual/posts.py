@@ -60,12 +60,10 @@ def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: in
     if count * math.pi * scanner.max_range**2 < AS_GOOD * rival:
         return False
     bad = amap.judged.counted & np.isin(amap.floor("zone").values, BAD)
-    row, column = np.nonzero(bad)
-    points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    points = amap.centres(bad)
     if not len(points):
         return False
-    row, column = np.nonzero(amap.judged.counted)
-    floor = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    floor = amap.centres(amap.judged.counted)
     stands = floor[:: max(len(floor) // MOST_STANDS, 1)]
     seen = _in_sight(stands, points, scanner.max_range, count) * amap.cell_area
     return seen >= PAYS * len(points) * amap.cell_area and seen >= AS_GOOD * rival
@@ -102,8 +100,7 @@ def find_posts(
     ).suited(environment)
     zone = amap.floor("zone").values
     bad = amap.judged.counted & np.isin(zone, BAD)
-    row, column = np.nonzero(bad)
-    points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    points = amap.centres(bad)
     lines = [shapely.LineString(path) for path in ([] if trips is None else trips.paths)]
 
     try:

@@ -24,7 +24,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import BAD, LOCALIZABLE, NOT_FREE, TRANSITION
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Ints, Ints32
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.improved import MOST, ImprovedPlace, connected
+from ambinav.studies.design.improved import MOST, ImprovedPart, connected
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.region import Places
 from ambinav.studies.design.views import mask_of, scanner_views
@@ -107,7 +107,7 @@ class FloorSample:
                 zones[views[i].scanner][np.ix_(at, views[i].headings)] = zone[:, None]
         return classify_over_headings(zones)
 
-    def improved(self, point: Ints, zone: Bytes) -> tuple[ImprovedPlace, ...]:
+    def improved(self, point: Ints, zone: Bytes) -> tuple[ImprovedPart, ...]:
         """Estimate where most floor becomes good: so much of so many bad places, largest first.
 
         Args:
@@ -126,7 +126,7 @@ class FloorSample:
                 off = np.hypot(x[at] - x[at].mean(), y[at] - y[at].mean())
                 middle = at[int(off.argmin())]
                 area = count[number] / len(point) * self.bad_area
-                places.append(ImprovedPlace(float(x[middle]), float(y[middle]), float(area)))
+                places.append(ImprovedPart(x_m=x[middle], y_m=y[middle], area_m2=area))
         return tuple(places)
 
     def area_in(self, codes: Sequence[int], of_bad: Bytes, of_others: Bytes) -> Interval:

@@ -19,7 +19,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
 from ambinav.studies.audit.counterfactual.sample import FloorSample
 from ambinav.studies.audit.counterfactual.trips import Trips
-from ambinav.studies.design.improved import ImprovedPlace, largest_places
+from ambinav.studies.design.improved import ImprovedPart, largest_places
 
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 PAYS: Final = 0.1
@@ -55,7 +55,7 @@ class Counterfactual:
     detail: str
     before: float
     after: Interval
-    improved: tuple[ImprovedPlace, ...] = ()
+    improved: tuple[ImprovedPart, ...] = ()
     zones: tuple[float, ...] | None = None
     scanner: RangeScanner | None = None
     size: float = 0.0

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.regions import passable
 from ambinav.maps.zones import BAD
+from ambinav.routes.sampled import neighbour_pairs
 from ambinav.runtime.array_types import Floats, Ints, Ints32
 
 WEIGHT: Final = 5.0
@@ -78,12 +79,14 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
         return None
     starts = rng.choice(places, min(STARTS, len(places)), replace=False)
     goals = rng.choice(places, min(GOALS, len(places)), replace=False)
-    ends, length = _edges(node, step)
+    row, column = np.nonzero(free)
+    first, second = neighbour_pairs(node).T
+    length = step * np.tile(np.hypot(row[first] - row[second], column[first] - column[second]), 2)
+    ends = np.concatenate([first, second]), np.concatenate([second, first])
     at_node, is_bad = level[free], bad[free].astype(np.float64)
     costs = length * (1.0 + WEIGHT * 0.5 * (at_node[ends[0]] + at_node[ends[1]]))
     exposed = length * 0.5 * (is_bad[ends[0]] + is_bad[ends[1]])
     xs, ys = (amap.dataset[axis].values[::stride] for axis in ("x", "y"))
-    row, column = np.nonzero(free)
     points = np.column_stack([xs[column], ys[row]])
     shape = (int(free.sum()),) * 2
     named = csr_array((np.arange(1, len(length) + 1), ends), shape=shape)
@@ -107,20 +110,6 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     return Trips(
         count, float(short), float(short_bad), float(aware), float(aware_bad), tuple(paths[0])
     )
-
-
-def _edges(node: Ints, step: float) -> tuple[tuple[Ints, Ints], Floats]:
-    """Return the edges between the eight neighbours of grid nodes, both ways: ends, and metres."""
-    first, second, length = [], [], []
-    rows, columns = node.shape
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a = node[: rows - down, max(-right, 0) : columns - max(right, 0)]
-        b = node[down:, max(right, 0) : columns + min(right, 0)]
-        both = (a >= 0) & (b >= 0)
-        first += [a[both], b[both]]
-        second += [b[both], a[both]]
-        length += [np.full(int(both.sum()), step * math.hypot(down, right))] * 2
-    return (np.concatenate(first), np.concatenate(second)), np.concatenate(length)
 
 
 def _path(goal: int, before: Ints32) -> Ints:

@@ -10,10 +10,11 @@ from typing import Final, Literal
 
 import numpy as np
 
+from ambinav.reports.fields import Part
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress, silent
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.beams.loss import Loss
+from ambinav.studies.design.beams.loss import Loss, Points
 from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.search import Kept, at_random, best_of_all, even, grow, objective
 
@@ -49,18 +50,16 @@ class Subset:
         return max(self.loss.points, self.checked.points) <= limit + ROUNDING
 
 
-@dataclass(frozen=True)
-class RandomSubsets:
+class RandomPart(Part):
     """Random subsets of one size: loss on the poses for checking, points."""
 
     beams: int
-    lowest: float
-    mean: float
-    highest: float
+    lowest_points: Points
+    mean_points: Points
+    highest_points: Points
 
 
-@dataclass(frozen=True)
-class ExactGap:
+class GapPart(Part):
     """The greedy subset of one size against the best of all subsets.
 
     By what the search makes small, points: `Loss.level` in the mean over the maps, on the poses
@@ -68,9 +67,9 @@ class ExactGap:
     """
 
     beams: int
-    greedy: float
-    exact: float
     subsets: int
+    greedy_points: Points
+    exact_points: Points
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +94,8 @@ class Choice:
     method: Method
     curves: dict[str, tuple[Subset, ...]]
     fewest: dict[str, int | None]
-    random: tuple[RandomSubsets, ...]
-    gaps: tuple[ExactGap, ...]
+    random: tuple[RandomPart, ...]
+    gaps: tuple[GapPart, ...]
     each: tuple[tuple[str, Loss], ...]
 
 
@@ -144,7 +143,7 @@ def choose(
         if fewest["even"] is not None and count >= BEYOND * min(filter(None, fewest.values())):
             break
     chosen, method = _fewest(by_method, fewest)
-    gaps: tuple[ExactGap, ...] = ()
+    gaps: tuple[GapPart, ...] = ()
     if scanner.beams <= MOST_EXACT:
         gaps = _exact_gaps(samples, by_method["greedy"])
         smaller = _exact(scanner.beams, len(chosen.beams), samples, limit, measured)
@@ -211,15 +210,15 @@ def _fewest(
     return subsets["even"][evenly - 1], "even"
 
 
-def _exact_gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
+def _exact_gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[GapPart, ...]:
     """Compare the greedy subset with the best of all subsets, size by size."""
     total = samples[0].scanner.beams
     return tuple(
-        ExactGap(
-            len(subset.beams),
-            objective(samples, subset.beams),
-            best_of_all(samples, len(subset.beams))[1],
-            math.comb(total, len(subset.beams)),
+        GapPart(
+            beams=len(subset.beams),
+            subsets=math.comb(total, len(subset.beams)),
+            greedy_points=objective(samples, subset.beams),
+            exact_points=best_of_all(samples, len(subset.beams))[1],
         )
         for subset in greedy
     )
@@ -245,8 +244,13 @@ def _exact(
     return None
 
 
-def _drawn(points: list[float], count: int) -> RandomSubsets:
-    return RandomSubsets(count, min(points), float(np.mean(points)), max(points))
+def _drawn(points: list[float], count: int) -> RandomPart:
+    return RandomPart(
+        beams=count,
+        lowest_points=min(points),
+        mean_points=float(np.mean(points)),
+        highest_points=max(points),
+    )
 
 
 def _sizes(most: int) -> Iterator[int]:

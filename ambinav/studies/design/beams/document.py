@@ -11,9 +11,9 @@ from pydantic import Field
 
 from ambinav.maps.zones import ZONES
 from ambinav.reports.fields import Part, rounded
-from ambinav.studies.design.beams.choose import Choice, Method, Subset
-from ambinav.studies.design.beams.localizer import ScanInformation, UpdateTime
-from ambinav.studies.design.beams.loss import POINTS
+from ambinav.studies.design.beams.choose import Choice, GapPart, Method, RandomPart, Subset
+from ambinav.studies.design.beams.localizer import InformationPart, UpdatePart
+from ambinav.studies.design.beams.loss import POINTS, Points
 from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.scanner import ScanMask
 from ambinav.version import __version__
@@ -27,9 +27,7 @@ HOW: Final[dict[Method, str]] = {
 }
 
 
-Points = Annotated[float, rounded(3)]
 Share = Annotated[float, rounded(4)]
-Milliseconds = Annotated[float, rounded(5)]
 
 
 class LossPart(Part):
@@ -57,24 +55,6 @@ class CurvePart(Part):
     fewest: int | None = Field(description="within the limit on both; null: not followed so far")
 
 
-class RandomPart(Part):
-    """Random subsets of one size: loss on the poses for checking, points."""
-
-    beams: int
-    lowest_points: Points
-    mean_points: Points
-    highest_points: Points
-
-
-class GapPart(Part):
-    """Greedy against the best of all subsets of one size; mean difference of level, points."""
-
-    beams: int
-    subsets: int
-    greedy_points: Points
-    exact_points: Points
-
-
 class MapPart(Part):
     """A building."""
 
@@ -83,24 +63,6 @@ class MapPart(Part):
     places: int = Field(description="poses that beams were chosen on")
     shares: dict[str, Share] = Field(description="of each zone with all beams, on those poses")
     checked: LossPart = Field(description="of the chosen beams, on other poses")
-
-
-class UpdatePart(Part):
-    """Duration of a localizer update, with all and with fewer beams, alternately in one run."""
-
-    localizer: str
-    all_ms: Milliseconds = Field(description="processor time of one robot")
-    kept_ms: Milliseconds
-    ratio: Share
-    lowest_ratio: Share
-    highest_ratio: Share
-
-
-class InformationPart(Part):
-    """Standard deviation of the position after one scan, if beam errors are independent."""
-
-    all_m: Annotated[float, rounded(5)]
-    kept_m: Annotated[float, rounded(5)]
 
 
 class MaskPart(Part):
@@ -141,8 +103,8 @@ def document(
     choice: Choice,
     samples: Sequence[MapSample],
     sources: Sequence[str],
-    updates: Sequence[UpdateTime],
-    information: ScanInformation,
+    updates: Sequence[UpdatePart],
+    information: InformationPart,
     masks: Sequence[ScanMask],
     parameters: Mapping[str, Any],
     files: Sequence[str],
@@ -169,15 +131,10 @@ def document(
             for sample, source, (_, loss) in zip(samples, sources, choice.each, strict=True)
         ),
         curves=tuple(_curve(choice, method) for method in ("even", "greedy")),
-        random=tuple(map(RandomPart.of, choice.random)),
-        gaps=tuple(map(GapPart.of, choice.gaps)),
-        updates=tuple(
-            UpdatePart.of(
-                update, all_ms=update.full, lowest_ratio=update.lowest, highest_ratio=update.highest
-            )
-            for update in updates
-        ),
-        information=InformationPart(all_m=information.full, kept_m=information.kept),
+        random=choice.random,
+        gaps=choice.gaps,
+        updates=tuple(updates),
+        information=information,
         masks=tuple(
             MaskPart.of(mask, first_deg=mask.first, kept=mask.readings - len(mask.masked))
             for mask in masks

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.geometry.environment import Environment
@@ -16,6 +16,7 @@ from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.information import scan_information
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
+from ambinav.reports.fields import Part, rounded
 from ambinav.runtime.array_types import Floats
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.beams.sample import rng_of
@@ -33,33 +34,37 @@ POSES: Final = 300
 PRIOR: Final = (0.1, 0.1, 0.05)
 """Deviations of a pose before its scan: metres, metres, radians."""
 
+Share = Annotated[float, rounded(4)]
+Milliseconds = Annotated[float, rounded(5)]
 
-@dataclass(frozen=True)
-class UpdateTime:
-    """Median processor time of one update of one robot, milliseconds.
 
-    Both scanners are timed alternately in one run.
+class UpdatePart(Part):
+    """Median processor time of one update of one robot, with all and with fewer beams.
 
-    Attributes:
-        localizer: Name of the localizer.
-        full: Time with all beams.
-        kept: Same with the kept beams.
-        ratio: Median over the rounds of the one by the other.
-        lowest: Least ratio of a round.
-        highest: Greatest.
+    Both scanners are timed alternately in one run; the ratios are those of its rounds.
     """
 
     localizer: str
-    full: float
-    kept: float
-    ratio: float
-    lowest: float
-    highest: float
+    all_ms: Milliseconds = Field(description="processor time of one robot")
+    kept_ms: Milliseconds
+    ratio: Share = Field(description="median")
+    lowest_ratio: Share
+    highest_ratio: Share
+
+
+class InformationPart(Part):
+    """Standard deviation of the position after one scan, averaged over poses.
+
+    By the Kalman filter's model: beam errors are independent.
+    """
+
+    all_m: Annotated[float, rounded(5)]
+    kept_m: Annotated[float, rounded(5)]
 
 
 def update_times(
     env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
-) -> tuple[UpdateTime, ...]:
+) -> tuple[UpdatePart, ...]:
     """Time Monte Carlo localization and the Kalman filter; neither skips beams by itself.
 
     Args:
@@ -97,25 +102,16 @@ def update_times(
         each = np.array(seconds) * 1e3 / len(poses)
         ratio = each[1] / each[0]
         times.append(
-            UpdateTime(
-                title, float(np.median(each[0])), float(np.median(each[1])),
-                float(np.median(ratio)), float(ratio.min()), float(ratio.max()),
+            UpdatePart(
+                localizer=title,
+                all_ms=float(np.median(each[0])),
+                kept_ms=float(np.median(each[1])),
+                ratio=float(np.median(ratio)),
+                lowest_ratio=float(ratio.min()),
+                highest_ratio=float(ratio.max()),
             )
-        )  # fmt: skip
+        )
     return tuple(times)
-
-
-@dataclass(frozen=True)
-class ScanInformation:
-    """Position accuracy from one scan, averaged over poses, by the Kalman filter's model.
-
-    Attributes:
-        full: Deviation of the position with all beams, metres.
-        kept: Same with the kept beams.
-    """
-
-    full: float
-    kept: float
 
 
 def scan_information_of(
@@ -124,7 +120,7 @@ def scan_information_of(
     kept: RangeScanner,
     seed: int,
     map_std: float | None = None,
-) -> ScanInformation:
+) -> InformationPart:
     """Compute how well one scan locates a robot whose prior deviation is `PRIOR`.
 
     Here every beam errs by itself: noise averages out over beams, as it does in a simulation and
@@ -146,7 +142,7 @@ def scan_information_of(
             error = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
             deviations[number, column] = error.mean()
     full, few = deviations.mean(axis=0).tolist()
-    return ScanInformation(full, few)
+    return InformationPart(all_m=full, kept_m=few)
 
 
 def _poses(env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int) -> Floats:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ambinav.maps.zones import ZONES
+from ambinav.reports.fields import rounded
 from ambinav.runtime.array_types import Bytes, Floats
 
 POINTS = 100.0
 """Percentage points: shares of the floor, and `level`, which runs from 0 to 1 too."""
+
+Points = Annotated[float, rounded(3)]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ambinav.plotting.beams import plot_kept_beams, plot_loss_curves
 from ambinav.reports.parameters import map_parameters
 from ambinav.studies.design.beams.choose import Choice
 from ambinav.studies.design.beams.document import FORMAT, HOW, Document, document
-from ambinav.studies.design.beams.localizer import ScanInformation, UpdateTime
+from ambinav.studies.design.beams.localizer import InformationPart, UpdatePart
 from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.scanner import ScanMask, laser_filters_text, subset_scanner
 from ambinav.studies.study import Content, Study
@@ -35,8 +35,8 @@ def write_report(
     choice: Choice,
     samples: Sequence[MapSample],
     sources: Sequence[str],
-    updates: Sequence[UpdateTime],
-    information: ScanInformation,
+    updates: Sequence[UpdatePart],
+    information: InformationPart,
     masks: Sequence[ScanMask],
     parameters: Mapping[str, Any],
     folder: str | Path,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from pydantic import Field
 from scipy.spatial import cKDTree
 
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.obstacle import Obstacle
-from ambinav.runtime.array_types import Floats
+from ambinav.reports.fields import Part
 from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.placed_part import Rounded
 from ambinav.studies.design.region import Places
 
 WALL_STD: Final = 0.03
@@ -26,17 +27,15 @@ NEAREST: Final = 0.75
 """Places have the nearest pose of an aged building within this many spacings."""
 
 
-@dataclass(frozen=True, eq=False)
-class AgedGains:
-    """Bad floor of W aged buildings.
+class AgedPart(Part):
+    """Bad floor that obstacles remove in aged buildings: walls displaced, furniture moved."""
 
-    Attributes:
-        before: Without the obstacles, square metres or metres of routes, shape (W,).
-        gain: What they remove, shape (W,).
-    """
-
-    before: Floats
-    gain: Floats
+    buildings: int
+    wall_std_m: float = Field(description="standard deviation by which walls are displaced")
+    furniture_std_m: float = Field(description="and by which free-standing objects are")
+    before: Rounded = Field(description="bad floor without the obstacles, mean")
+    gain: Rounded = Field(description="bad floor that they take away, mean")
+    gain_low: Rounded = Field(description="its 10th percentile")
 
 
 def gains_in_aged(
@@ -46,7 +45,7 @@ def gains_in_aged(
     passage: float,
     rng: np.random.Generator,
     progress: Progress = silent,
-) -> AgedGains:
+) -> AgedPart:
     """Compute what obstacles remove in aged buildings: walls displaced, furniture moved.
 
     The obstacles stand where they stand; the floor that counts stays as well, apart from where no
@@ -70,7 +69,14 @@ def gains_in_aged(
         before[k] = there.badness.bad
         gain[k] = there.tried(obstacles).gain.bad
         progress((k + 1) / worlds)
-    return AgedGains(before, gain)
+    return AgedPart(
+        buildings=worlds,
+        wall_std_m=WALL_STD,
+        furniture_std_m=FURNITURE_STD,
+        before=before.mean(),
+        gain=gain.mean(),
+        gain_low=np.percentile(gain, WORST),
+    )
 
 
 def _same_places(places: Places, known: Lattice, aged: Lattice) -> Places:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-import numpy as np
 import shapely
 from pydantic import Field
 
 from ambinav.geometry.environment import Environment
-from ambinav.reports.fields import Part, rounded
+from ambinav.reports.fields import Part
 from ambinav.reports.pages import counted
-from ambinav.studies.design.improved import ImprovedPart, ImprovedPlace, most_improved
-from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
+from ambinav.studies.design.improved import ImprovedPart, most_improved
+from ambinav.studies.design.place.aged import AgedPart
 from ambinav.studies.design.place.candidates import PlaceRules
+from ambinav.studies.design.place.exact import CoveragePart, OptimumPart
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.placed_part import (
     BuildingDocument,
     PlacedPart,
+    Rounded,
     head_of,
     placed_geojson,
 )
@@ -34,9 +34,6 @@ REFLECTORS_WEIGH: Final = (
     "reflectors`."
 )
 SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]'."
-
-
-Rounded = Annotated[float, rounded(4)]
 
 
 class BadPart(Part):
@@ -89,39 +86,6 @@ class GainsPart(Part):
     typical: GrowthPart | None = Field(description="medians over all samples; null: no sample")
 
 
-class OptimumPart(Part):
-    """Optimum over all subsets of a few candidates, and greedy on the same candidates."""
-
-    candidates: int
-    count: int
-    subsets: int
-    best: Rounded = Field(description="bad floor that the best subset takes away")
-    greedy: Rounded = Field(description="bad floor that greedy's subset takes away")
-    share: Rounded | None = Field(
-        description="of the best one's objective that greedy reaches; null: it turns nothing good"
-    )
-
-
-class CoveragePart(Part):
-    """Maximum coverage, counting the floor that each candidate improves alone."""
-
-    covered: Rounded = Field(description="by the solver's choice")
-    bound: Rounded = Field(description="no choice covers more")
-    greedy: Rounded = Field(description="by greedy's choice")
-    true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
-
-
-class AgedPart(Part):
-    """Bad floor that obstacles remove in aged buildings: walls displaced, furniture moved."""
-
-    buildings: int
-    wall_std_m: float = Field(description="standard deviation by which walls are displaced")
-    furniture_std_m: float = Field(description="and by which free-standing objects are")
-    before: Rounded = Field(description="bad floor without the obstacles, mean")
-    gain: Rounded = Field(description="bad floor that they take away, mean")
-    gain_low: Rounded = Field(description="its 10th percentile")
-
-
 class Document(BuildingDocument):
     """The whole report."""
 
@@ -162,24 +126,21 @@ def document(study: Remedy, asked: int) -> Document:
         after=BadPart.of(placement.after),
         asked=asked,
         obstacles=obstacles,
-        improved=tuple(map(ImprovedPart.of, _improved(study))),
+        improved=_improved(study),
         rules=rules_part(rules, len(study.trials.candidates), study.environment),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
-        optima=tuple(
-            OptimumPart.of(optimum, best=optimum.best_bad, greedy=optimum.greedy_bad)
-            for optimum in study.optima
-        ),
-        coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
-        aged=None if study.aged is None else _aged(study.aged),
+        optima=study.optima,
+        coverage=study.coverage,
+        aged=study.aged,
         remarks=tuple(_remarks(study, asked)),
-        parameters=json.loads(study.amap.dataset.attrs["parameters"]),
+        parameters=study.amap.parameters,
         geojson=obstacles_geojson(study),
     )
 
 
-def _improved(study: Remedy) -> tuple[ImprovedPlace, ...]:
+def _improved(study: Remedy) -> tuple[ImprovedPart, ...]:
     """Return the places of the floor that was asked for that improve most; none on routes."""
     if not study.chosen or study.unit == "m":
         return ()
@@ -326,17 +287,6 @@ def _remarks(study: Remedy, asked: int) -> list[str]:
     if gains is not None and study.coverage is None and placed:
         remarks.append(f"Maximum coverage was not solved: {SOLVER_LACKING}")
     return remarks
-
-
-def _aged(aged: AgedGains) -> AgedPart:
-    return AgedPart(
-        buildings=len(aged.gain),
-        wall_std_m=WALL_STD,
-        furniture_std_m=FURNITURE_STD,
-        before=float(aged.before.mean()),
-        gain=float(aged.gain.mean()),
-        gain_low=float(np.percentile(aged.gain, WORST)),
-    )
 
 
 def _gains(gains: Violations) -> GainsPart:

@@ -11,14 +11,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from pydantic import Field
 
+from ambinav.reports.fields import Part
 from ambinav.runtime.progress import Progress, silent
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, Trials, place
+from ambinav.studies.design.place.placed_part import Rounded
 
 SECONDS: Final = 20.0
 """The solver has so long to prove its optimum."""
@@ -26,51 +28,26 @@ SCALE: Final = 1_000_000
 """Floor is counted in millionths: the solver knows whole numbers."""
 
 
-@dataclass(frozen=True)
-class Optimum:
-    """The best of all subsets of a few candidates, and the greedy choice among them.
-
-    Attributes:
-        candidates: Number of candidates.
-        count: Size of the subsets.
-        subsets: Number of allowed subsets, all of them tried.
-        best: Gain of the best subset: bad floor and a little level, see `Badness.cost`.
-        best_bad: Bad floor in that gain.
-        greedy: The same of greedy's subset.
-        greedy_bad: Bad floor in that gain.
-    """
+class OptimumPart(Part):
+    """Optimum over all subsets of a few candidates, and greedy on the same candidates."""
 
     candidates: int
-    count: int
-    subsets: int
-    best: float
-    best_bad: float
-    greedy: float
-    greedy_bad: float
-
-    @property
-    def share(self) -> float | None:
-        """Share of the optimum that greedy reaches; None if even the optimum gains nothing."""
-        return self.greedy / self.best if self.best_bad >= NOTHING else None
+    count: int = Field(description="size of the subsets")
+    subsets: int = Field(description="allowed ones, all of them tried")
+    best: Rounded = Field(description="bad floor that the best subset takes away")
+    greedy: Rounded = Field(description="bad floor that greedy's subset takes away")
+    share: Rounded | None = Field(
+        description="of the best one's objective that greedy reaches; null: it turns nothing good"
+    )
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """The most floor covered by k candidates, each by what it improves alone.
+class CoveragePart(Part):
+    """Maximum coverage, counting the floor that each candidate improves alone."""
 
-    Attributes:
-        chosen: Numbers of the candidates that the solver chose.
-        covered: Floor that these cover, in the unit of the places.
-        bound: No choice covers more; equal where the optimum is proven.
-        greedy: Floor that greedy's choice covers.
-        true: Bad floor that the solver's choice truly takes away.
-    """
-
-    chosen: tuple[int, ...]
-    covered: float
-    bound: float
-    greedy: float
-    true: float
+    covered: Rounded = Field(description="by the solver's choice")
+    bound: Rounded = Field(description="no choice covers more")
+    greedy: Rounded = Field(description="by greedy's choice")
+    true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
 
 
 def enumerated(
@@ -80,7 +57,7 @@ def enumerated(
     count: int,
     passage: float,
     progress: Progress = silent,
-) -> Optimum | None:
+) -> OptimumPart | None:
     """Try all subsets of some candidates; None if no subset is allowed.
 
     Args:
@@ -111,12 +88,20 @@ def enumerated(
     if chosen not in gains:  # one that would have made it worse is left out
         total = taken.before - taken.after
         gains[chosen] = total.cost, total.bad
-    return Optimum(len(numbers), count, len(every), *max(gains.values()), *gains[chosen])
+    (best, best_bad), (greedy, greedy_bad) = max(gains.values()), gains[chosen]
+    return OptimumPart(
+        candidates=len(numbers),
+        count=count,
+        subsets=len(every),
+        best=best_bad,
+        greedy=greedy_bad,
+        share=greedy / best if best_bad >= NOTHING else None,
+    )
 
 
 def covered_most(
     effects: Effects, trials: Trials, count: int, passage: float, greedy: Sequence[int]
-) -> Coverage:
+) -> CoveragePart:
     """Solve maximum coverage by CP-SAT.
 
     Args:
@@ -149,12 +134,11 @@ def covered_most(
     solver.parameters.num_workers = 1
     solver.solve(model)
     chosen = tuple(i for i, variable in enumerate(take) if solver.boolean_value(variable))
-    return Coverage(
-        chosen,
-        _covered(areas, chosen),
-        solver.best_objective_bound / SCALE,
-        _covered(areas, greedy),
-        trials.gain_together(effects, chosen).bad if chosen else 0.0,
+    return CoveragePart(
+        covered=_covered(areas, chosen),
+        bound=solver.best_objective_bound / SCALE,
+        greedy=_covered(areas, greedy),
+        true=trials.gain_together(effects, chosen).bad if chosen else 0.0,
     )
 
 

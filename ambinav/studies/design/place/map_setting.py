@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -44,7 +43,7 @@ class MapSetting:
             scanner: Scanner of the map, with all beams and its true mounts.
             reflectors: Whether there are reflectors, or will be.
         """
-        known = json.loads(amap.dataset.attrs["parameters"])
+        known = amap.parameters
         model = AmbiguityModel(
             **{field.name: known[field.name] for field in fields(AmbiguityModel)}
         )

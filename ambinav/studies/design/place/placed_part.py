@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from ambinav.buildings.obstacle_file import collection
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
-from ambinav.reports.fields import Metres, Part
+from ambinav.reports.fields import Metres, Part, rounded
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate
 from ambinav.version import __version__
+
+Rounded = Annotated[float, rounded(4)]
 
 
 class BuildingDocument(Part):

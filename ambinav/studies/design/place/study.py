@@ -22,10 +22,10 @@ from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Stages, silent_stages
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.place.aged import AgedGains, gains_in_aged
+from ambinav.studies.design.place.aged import AgedPart, gains_in_aged
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
-from ambinav.studies.design.place.exact import Coverage, Optimum, covered_most, enumerated
+from ambinav.studies.design.place.exact import CoveragePart, OptimumPart, covered_most, enumerated
 from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.place.moves import Moves
@@ -67,9 +67,9 @@ class Remedy:
     trials: Trials
     placement: Placement
     violations: Violations | None = None
-    optima: tuple[Optimum, ...] = ()
-    coverage: Coverage | None = None
-    aged: AgedGains | None = None
+    optima: tuple[OptimumPart, ...] = ()
+    coverage: CoveragePart | None = None
+    aged: AgedPart | None = None
 
     @property
     def unit(self) -> str:

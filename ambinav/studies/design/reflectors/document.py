@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Annotated, Any, Final
 
@@ -90,10 +89,10 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
             ReflectorPart.of(step.candidate, number=number, after=_coverage(step.after))
             for number, step in enumerate(layout.steps, start=1)
         ),
-        improved=tuple(map(ImprovedPart.of, largest_places(layout.amap, won, layout.parts))),
+        improved=largest_places(layout.amap, won, layout.parts),
         needs=NeedsPart.of(layout.rules, max_incidence_deg=layout.rules.max_incidence),
         remarks=tuple(_remarks(layout, asked)),
-        parameters=json.loads(layout.amap.dataset.attrs["parameters"]),
+        parameters=layout.amap.parameters,
         geojson=placed_geojson(
             layout.chosen, [{"number": k + 1} for k in range(len(layout.steps))]
         ),

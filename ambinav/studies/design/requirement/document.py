@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any, Final
 
@@ -12,8 +11,13 @@ from ambinav.drive.odometries import odometry_name
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.improved import ImprovedPart, most_improved
-from ambinav.studies.design.place.document import REFLECTORS_WEIGH, Rounded, RulesPart, rules_part
-from ambinav.studies.design.place.placed_part import BuildingDocument, head_of, placed_geojson
+from ambinav.studies.design.place.document import REFLECTORS_WEIGH, RulesPart, rules_part
+from ambinav.studies.design.place.placed_part import (
+    BuildingDocument,
+    Rounded,
+    head_of,
+    placed_geojson,
+)
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
@@ -126,9 +130,7 @@ def document(solution: Solution) -> Document:
         before=_floor(solution, solution.before),
         after=_floor(solution, solution.after),
         steps=tuple(_step(solution, number, step) for number, step in enumerate(solution.steps, 1)),
-        improved=tuple(
-            map(ImprovedPart.of, most_improved(solution.before.amap, solution.after.amap))
-        ),
+        improved=most_improved(solution.before.amap, solution.after.amap),
         trips=trips,
         localizer=None if losses is None else losses.forecaster.localizer.name,
         odometry=None if losses is None else odometry_name(losses.forecaster.odometry),
@@ -158,7 +160,7 @@ def document(solution: Solution) -> Document:
         states=len({(each.hardware, frozenset(each.obstacles)) for each in solution.states}),
         maps=solution.maps,
         remarks=_remarks(solution),
-        parameters=json.loads(solution.before.amap.dataset.attrs["parameters"]),
+        parameters=solution.before.amap.parameters,
         geojson=_geojson(solution),
     )
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.layout import Planar
+from ambinav.sensing.preset_summary import field_of_view
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.alternatives import at_mount_of, other_mounts
 from ambinav.studies.design.requirement.costs import Allowed, Costs
@@ -110,7 +111,7 @@ def _with_listed(
 ) -> Iterator[Hardware]:
     """Yield the changes to which a listed scanner leads."""
     if allowed.scanner and other != scanner:
-        reach = f"{other.max_range:g} m, {math.degrees(other.aperture):.0f}°"
+        reach = f"{other.max_range:g} m, {math.degrees(field_of_view(other)):.0f}°"
         title = f"Use {other.name} ({reach}) instead of {scanner.name}"
         yield Hardware("scanner", other.name, title, cost, other)
         if allowed.mount and mount_cost is not None:

@@ -13,6 +13,7 @@ import numpy as np
 from ambinav.geometry.collision.reach import Reach, reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.trip_routes import NoRouteError
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Stages
@@ -27,11 +28,7 @@ from ambinav.studies.design.requirement.states import (
     State,
     Terms,
 )
-from ambinav.studies.design.requirement.trip_forecasts import (
-    NoRouteError,
-    TripForecaster,
-    TripLosses,
-)
+from ambinav.studies.design.requirement.trip_forecasts import TripForecaster, TripLosses
 
 Build: TypeAlias = Callable[[Environment, RangeScanner], AmbiguityMap]
 KEPT: Final = 24

@@ -19,26 +19,19 @@ import shapely
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner
 from ambinav.forecasting.forecast import Forecast, Forecaster
-from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav.geometry.collision.reach import Reach, reach_of
+from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
-from ambinav.routes.sampled import PLANNER, PlaceGraph, graph_step
+from ambinav.routes.trip_routes import shortest_routes, trip_routes
+from ambinav.routes.trips import Trip
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputWarning
 from ambinav.studies.design.place.candidates import Candidate
-from ambinav.studies.design.requirement.trips import Trip
 
 MakeForecaster: TypeAlias = Callable[[AmbiguityMap, Sequence[Route]], Forecaster]
 
-STEP: Final = 0.2
-"""Metres between points of the graph on which routes are found, as in an audit."""
-FINER: Final = 4.0
-"""Steps of the first graph are so many times those of the second one."""
 NEAR: Final = 0.5
 """Metres from a trip's route within which floor counts for the search."""
 SAFE: Final = 1e-3
@@ -49,10 +42,6 @@ RUNS: Final = 1024
 """Largest number of drives of a trip."""
 SEED: Final = 0
 """Seed of the drives, so that the same command reports the same figures."""
-
-
-class NoRouteError(InputError):
-    """There is no route of a trip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,16 +149,7 @@ class TripForecaster:
         self.notes: dict[str, None] = {}
         self._reach, self._make, self._source = reach, make, source
         self._robot = Robot(radius=reach.radius)
-        disc = Footprint.disc(reach.radius)
-        checker = CollisionChecker(environment, disc, Steering("r2"))
-        for trip in trips:
-            for name, (x, y) in ((trip.start, trip.start_at), (trip.goal, trip.goal_at)):
-                reason = checker.why_not(x, y)
-                if reason is not None:
-                    raise InputError(
-                        f"{source}: places: {name} at ({x:g}, {y:g}) m is {reason}; move it."
-                    )
-        self._routes = self._shortest(environment, range(len(self.trips)))
+        self._routes = trip_routes(environment, reach, self.trips, source)
 
     def losses(
         self, amap: AmbiguityMap, environment: Environment, added: Sequence[Obstacle] = ()
@@ -191,7 +171,10 @@ class TripForecaster:
             for k, route in enumerate(routes)
             if shapely.dwithin(_line(route), outlines, self._reach.radius)
         ]
-        for k, route in zip(blocked, self._shortest(environment, blocked), strict=True):
+        around = shortest_routes(
+            environment, self._reach, [self.trips[k] for k in blocked], self._source
+        )
+        for k, route in zip(blocked, around, strict=True):
             routes[k] = route
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", InputWarning)
@@ -207,46 +190,6 @@ class TripForecaster:
         """Positions at which trips start and end."""
         ends = (end for trip in self.trips for end in (trip.start_at, trip.goal_at))
         return tuple(dict.fromkeys(ends))
-
-    def _shortest(self, environment: Environment, numbers: Sequence[int]) -> tuple[Route, ...]:
-        """Return the shortest routes of some trips."""
-        if not numbers:
-            return ()
-        reach = reach_of(environment, self._reach.radius, self._reach.start)
-        step = graph_step(reach, STEP)
-        points: dict[int, Floats] = {}
-        # On a finer graph there are also routes through narrow doors.
-        for each in (step, step / FINER):
-            missing = [k for k in numbers if k not in points]
-            if not missing:
-                break
-            with warnings.catch_warnings():
-                # Floor that is cut off on the graph: a trip to there is refused below.
-                warnings.simplefilter("ignore", InputWarning)
-                graph = PlaceGraph.of(environment, reach, each)
-            for k in missing:
-                path = _shortest_path(graph, self.trips[k])
-                if path is not None:
-                    points[k] = path
-        for k in numbers:
-            if k not in points:
-                raise NoRouteError(
-                    f"{self._source}: no route of {self.trips[k].title} is found on explored floor "
-                    f"that a robot of radius {reach.radius:g} m reaches, on a graph with steps of "
-                    f"{step / FINER:.2g} m; move the places, give --start or a smaller "
-                    "--robot-radius."
-                )
-        return tuple(Route.through(points[k], planner=PLANNER) for k in numbers)
-
-
-def _shortest_path(graph: PlaceGraph, trip: Trip) -> Floats | None:
-    """Return the shorter of the paths found there and, turned round, back; None: there is none."""
-    there = graph.between(trip.start_at, trip.goal_at)
-    back = graph.between(trip.goal_at, trip.start_at)
-    if there is None or back is None:
-        return there
-    lengths = [float(np.hypot(*np.diff(path, axis=0).T).sum()) for path in (there, back)]
-    return there if lengths[0] <= lengths[1] else back[::-1]
 
 
 def _line(route: Route) -> shapely.LineString:

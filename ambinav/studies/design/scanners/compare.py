@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
@@ -16,6 +17,7 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import BAD, CORRIDOR, OPEN, ZoneShare
+from ambinav.reports.fields import Part
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.array_types import Bools, Bytes
@@ -42,14 +44,20 @@ _ROUTES_SHARE = 0.1
 """Share of the reported progress for routes."""
 
 
-@dataclass(frozen=True)
-class LayerMean:
-    """Mean of an added layer over the floor that counts, in its unit."""
+class LayerPart(Part):
+    """The mean of an added layer over the floor that counts."""
 
     title: str
     unit: str
-    worse: str
-    value: float
+    worse: str = Field(description="which end means badly localized: high or low")
+    mean: float | None = Field(description="null: it has no value there")
+
+
+class UnusablePart(Part):
+    """A scanner without figures, and the reason."""
+
+    name: str
+    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +88,7 @@ class ScannerRow:
     worst: Shares | None
     headings: int | None
     routes: RouteFigures | None
-    layers: Mapping[str, LayerMean]
+    layers: Mapping[str, LayerPart]
     lacking: Mapping[str, str]
     cost: Cost
     build_seconds: float | None
@@ -99,14 +107,6 @@ class ScannerRow:
     def bad_area(self) -> float:
         """Corridor and open zones of the floor that counts, square metres."""
         return bad_area(self.shares)
-
-
-@dataclass(frozen=True, eq=False)
-class UnusableScanner:
-    """A scanner without figures, and the reason."""
-
-    scanner: RangeScanner
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class ScannerTable:
     environment: Environment
     reach: Reach
     rows: tuple[ScannerRow, ...]
-    unusable: tuple[UnusableScanner, ...]
+    unusable: tuple[UnusablePart, ...]
     routes: tuple[Route, ...]
     model: ErrorModel
     sampled: bool
@@ -226,7 +226,7 @@ def compare_scanners(
     else:
         driven = ()
     rows: list[ScannerRow] = []
-    unusable: list[UnusableScanner] = []
+    unusable: list[UnusablePart] = []
     reasons: list[InputError] = []
     amap: AmbiguityMap | None = None
     for done, scanner in enumerate(chosen):
@@ -244,7 +244,7 @@ def compare_scanners(
             parts = made.judged
             parts.check_reached(made.spacing)
         except InputError as error:
-            unusable.append(UnusableScanner(scanner, str(error)))
+            unusable.append(UnusablePart(name=scanner.name, reason=str(error)))
             reasons.append(error)
             continue
         amap = amap or made
@@ -354,17 +354,17 @@ def _timed_map(
 
 def _layer_means(
     amap: AmbiguityMap, parts: JudgedFloor, names: Iterable[str]
-) -> dict[str, LayerMean]:
+) -> dict[str, LayerPart]:
     means = {}
     for name in names:
         values = np.asarray(amap.floor(name, "mean").values, dtype=np.float64)[parts.counted]
         known = values[np.isfinite(values)]
         attrs = amap.dataset[name].attrs
-        means[name] = LayerMean(
-            str(attrs.get("long_name", name)),
-            str(attrs.get("units", "")),
-            str(attrs.get("worse", "")),
-            float(known.mean()) if known.size else float("nan"),
+        means[name] = LayerPart(
+            title=str(attrs.get("long_name", name)),
+            unit=str(attrs.get("units", "")),
+            worse=str(attrs.get("worse", "")),
+            mean=float(known.mean()) if known.size else None,
         )
     return means
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from typing import Any, Final, Literal
 
@@ -15,7 +14,13 @@ from ambinav.reports.fields import Part
 from ambinav.reports.number_text import metres2
 from ambinav.reports.pages import listed
 from ambinav.sensing.preset_summary import field_of_view
-from ambinav.studies.design.scanners.compare import ScannerRow, ScannerTable, bad_area
+from ambinav.studies.design.scanners.compare import (
+    LayerPart,
+    ScannerRow,
+    ScannerTable,
+    UnusablePart,
+    bad_area,
+)
 from ambinav.studies.design.scanners.route_figures import SOURCE
 from ambinav.version import __version__
 
@@ -34,15 +39,6 @@ class EnvironmentPart(Part):
     )
     reached_m2: float = Field(description="where the centre of the robot can get to, exactly")
     notes: tuple[str, ...] = Field(description="what was repaired or left out in the input")
-
-
-class LayerPart(Part):
-    """The mean of an added layer over the floor that counts."""
-
-    title: str
-    unit: str
-    worse: str = Field(description="which end means badly localized: high or low")
-    mean: float | None = Field(description="null: it has no value there")
 
 
 class ScannerPart(Part):
@@ -94,13 +90,6 @@ class ScannerPart(Part):
     yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
 
 
-class UnusablePart(Part):
-    """A scanner without figures."""
-
-    name: str
-    reason: str
-
-
 class FrontPointPart(Part):
     """A scanner in a front."""
 
@@ -148,10 +137,11 @@ class Document(Part):
 
 def document(table: ScannerTable) -> Document:
     """Collect a comparison's figures, with units in the names."""
-    attrs = table.amap.dataset.attrs
-    every = json.loads(attrs["parameters"])
+    every = table.amap.parameters
     # Parameters common to all scanners; the others belong to one scanner.
-    shared = {name: every[name] for name in ("spacing", "radius", "map_std") if name in every}
+    shared: dict[str, Any] = {
+        name: every[name] for name in ("spacing", "radius", "map_std") if name in every
+    }
     return Document(
         ambinav_version=__version__,
         summary=summary(table),
@@ -168,9 +158,7 @@ def document(table: ScannerTable) -> Document:
         scanners=tuple(
             _scanner(number, row, table) for number, row in enumerate(table.rows, start=1)
         ),
-        unusable=tuple(
-            UnusablePart(name=row.scanner.name, reason=row.reason) for row in table.unusable
-        ),
+        unusable=table.unusable,
         fronts=tuple(
             FrontPart.of(
                 front,
@@ -233,7 +221,7 @@ def summary(table: ScannerTable) -> str:
             f"By bad area and {front.title}, {listed(names)} {verb} not dominated by any other."
         )
     if table.unusable:
-        names = [row.scanner.name for row in table.unusable]
+        names = [scanner.name for scanner in table.unusable]
         sentences.append(f"There are no figures of {listed(names)}.")
     return " ".join(sentences)
 
@@ -269,10 +257,7 @@ def _scanner(number: int, row: ScannerRow, table: ScannerTable) -> ScannerPart:
         on_front=None if place is None else place.dominated_by is None,
         dominated_by=None if place is None else place.dominated_by,
         build_seconds=row.build_seconds,
-        layers={
-            name: LayerPart.of(layer, mean=layer.value if math.isfinite(layer.value) else None)
-            for name, layer in row.layers.items()
-        },
+        layers=dict(row.layers),
         lacking=dict(row.lacking),
         yaml=scanner.to_yaml(),
     )

@@ -206,8 +206,11 @@ def content(result: SweepResult, report: Document) -> Content:
     present = tuple(map(varied_text, report.present.values.values()))
     rows.insert(0, (present, report.present, words.margin(None), False))
     turning = None if result.turning is None else words.turning_numbers(result.turning)
+    unit = {"m2": "m²", "m": "m"}[result.region.unit]
     values = {
-        "unit": {"m2": "m²", "m": "m"}[result.region.unit],
+        "unit": unit,
+        # Of a sample, an estimate.
+        "area_unit": f"about {unit}" if result.levels.places.is_sample else unit,
         "rows": rows,
         "different": len(result.order),
         "gain": None if turning is None else turning.value,

@@ -19,6 +19,8 @@ from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import PlaceGraph
+from ambinav.routes.trip_routes import NoRouteError
+from ambinav.routes.trips import Trip, read_trips
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.positions import Positions
@@ -26,13 +28,7 @@ from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.document import document
 from ambinav.studies.design.requirement.requirement import LEAST_LOST, Requirement
 from ambinav.studies.design.requirement.study import Solution, meet_requirement
-from ambinav.studies.design.requirement.trip_forecasts import (
-    NEAR,
-    RUNS,
-    NoRouteError,
-    TripForecaster,
-)
-from ambinav.studies.design.requirement.trips import Trip, read_trips
+from ambinav.studies.design.requirement.trip_forecasts import NEAR, RUNS, TripForecaster
 from tests.drive.cases import laser
 
 HALL = environment_from_shapes([shapely.box(0, 0, 16, 8)], name="hall")

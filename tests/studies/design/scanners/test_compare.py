@@ -108,7 +108,7 @@ def test_what_cannot_be_used_is_said_and_the_rest_goes_on(hall, scanners, table)
         hall, [outrigger, scanners["ring"]], spacing=SPACING, pairs=0, layers=["gfm"], store=False
     )
     (unusable,) = found.unusable
-    assert unusable.scanner is outrigger and "stands inside a wall" in unusable.reason
+    assert unusable.name == outrigger.name and "stands inside a wall" in unusable.reason
     assert [row.name for row in found.rows] == ["ring"]
     assert "gfm" in found.rows[0].lacking and found.rows[0].layers == {}
     assert "ring" in found.rows[0].lacking["gfm"]
@@ -121,7 +121,7 @@ def test_a_layer_is_its_mean_over_the_floor_that_counts(hall, scanners, table):
     amap = build_map(hall, scanners["long"], SPACING, layers="gfm", store=False)
     row = row_of(table, "long")
     values = amap.dataset["gfm"].values[row.parts.counted]
-    assert row.layers["gfm"].value == pytest.approx(float(values.astype(float).mean()))
+    assert row.layers["gfm"].mean == pytest.approx(float(values.astype(float).mean()))
 
 
 def test_stretches_are_those_of_the_corridor(scanners, routes, table):

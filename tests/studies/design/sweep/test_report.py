@@ -97,6 +97,7 @@ def test_a_report_of_one_variation(folder: Path) -> None:
     assert len(table) == 6
     assert len({line.count(" |") for line in table[2:]}) == 1
     assert "60 of " in text
+    assert "| open (about m²) |" in text and "Open (about m²)" in page
 
 
 @pytest.mark.slow

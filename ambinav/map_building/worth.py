@@ -1,0 +1,118 @@
+"""Estimate whether a map is updated faster than it is built, from a sample of its poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numba
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from ambinav.ambiguity.neighbourhoods import disc
+from ambinav.geometry.lattice import slices_in
+from ambinav.map_building.seen_changes import SeenChanges
+from ambinav.runtime.array_types import Bools, Bounds, Floats
+from ambinav.runtime.lanes import LANES
+
+# One in so many rows and columns is sampled.
+SAMPLED: Final = 4
+# Seconds that an update takes whatever sees the change.
+OVERHEAD: Final = 0.04
+# Of a build of so few seconds the sample alone would take a twentieth.
+SMALLEST: Final = 0.1
+# Seconds of one thread of a build, for each pose and heading: to compare it with a neighbour, but
+# for the columns of the scan, and for each column (processor of benchmarks/results/update.md).
+PER_NEIGHBOUR: Final = 48e-9
+PER_COLUMN: Final = 1.6e-9
+# Share of the time of a pose that its rays take; those of its neighbours are cast too.
+CASTING: Final = 0.3
+# The sample may be wrong by so much, and to save less is not worth it.
+MARGIN: Final = 0.1
+
+
+@dataclass(frozen=True)
+class ExpectedWork:
+    """Work of an update, by a sample of poses.
+
+    Attributes:
+        asked: Whether it pays to ask each pose within reach whether it sees the change.
+        share: Time for the poses that are asked or computed, by that for all poses in a build.
+    """
+
+    asked: bool
+    share: float
+
+    @classmethod
+    def of(
+        cls,
+        seen: SeenChanges,
+        reach: Sequence[Bounds],
+        free: Bools,
+        x: Floats,
+        y: Floats,
+        spacing: float,
+        radius: float,
+    ) -> ExpectedWork:
+        """Ask a sample of the poses.
+
+        Args:
+            seen: The change.
+            reach: Boxes within which it may be seen, metres.
+            free: Where the robot could stand before, shape (R, C).
+            x: Coordinates of the columns, shape (C,), metres.
+            y: Coordinates of the rows, shape (R,), metres.
+            spacing: Of both, metres.
+            radius: Radius of the neighbourhood of a pose, metres.
+        """
+        first = min(SAMPLED, *free.shape) // 2
+        free, x, y = free[first::SAMPLED, first::SAMPLED], x[first::SAMPLED], y[first::SAMPLED]
+        stale = np.zeros_like(free)
+        for box in reach:
+            stale[slices_in(box, x, y)] = True
+        stale &= free
+        row, column = np.nonzero(stale)
+        if not len(row):
+            return cls(True, 0.0)
+        within_reach, asked = stale.sum() / free.sum(), False
+        if not seen.countless:
+            sees = seen.by(x[column], y[row])
+            asked = bool(sees.mean() <= seen.most)
+            if asked:
+                stale[row, column] = sees
+        if not stale.any():
+            return cls(asked, float(seen.asking * within_reach))
+        step = SAMPLED * spacing
+        # A change that is seen between two samples is half a step nearer on the average.
+        away = step * (distance_transform_edt(~stale)[free] - 0.5)
+        share = (1.0 - CASTING) * (away <= radius).mean() + CASTING * (away <= 2.0 * radius).mean()
+        return cls(asked, float(share + asked * seen.asking * within_reach))
+
+    def with_more_floor(self, grown: float) -> ExpectedWork:
+        """Return the work where so much new floor is computed too, by the floor before."""
+        return replace(self, share=(self.share + grown) / (1.0 + grown))
+
+    def pays(self, seconds: float) -> bool:
+        """Return whether an update is expected to be faster than a build of so many seconds."""
+        return self.share + OVERHEAD / seconds < 1.0 - MARGIN
+
+
+def is_small(seconds: float) -> bool:
+    """Return whether a build of so many seconds is faster than any update, or as fast."""
+    return seconds < SMALLEST
+
+
+def build_seconds(poses: int, beams: int, radius: float, spacing: float) -> float:
+    """Estimate the seconds of a build.
+
+    Args:
+        poses: Number of poses, each heading counted.
+        beams: Beams that take part.
+        radius: Radius of the neighbourhood of a pose, metres.
+        spacing: Spacing of the lattice, metres.
+    """
+    columns = LANES * math.ceil(beams / LANES)
+    each = len(disc(radius, spacing)) * (PER_NEIGHBOUR + PER_COLUMN * columns)
+    return float(poses * each / numba.get_num_threads())
