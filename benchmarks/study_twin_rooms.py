@@ -48,7 +48,7 @@ def section(
 ) -> str:
     """Return the table of a level, and the paired leads of the best of each kind."""
     rows, done = [], {}
-    given = {**IDS[f"ambinav/TwinRooms{level}-v1"], **place}
+    given = {**IDS[f"ambinav/TwinRooms{level}-v2"], **place}
     if "map" in place:
         del given["suite"], given["buildings"]
     for name, who in whom.items():

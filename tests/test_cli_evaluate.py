@@ -142,6 +142,7 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     [
         (["-n", "0"], "--episodes: 0 is too few"),
         (["--planner", "prmstr"], "prmstar"),
+        (["--planner", "shortest"], "the method 'shortest', routes of"),
         pytest.param(["--policy", "gone.zip"], "there is no such file", marks=pytest.mark.slow),
         (["--map", "gone.yaml"], "gone.yaml"),
         (["peple=3"], "did you mean people"),

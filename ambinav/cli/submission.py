@@ -101,7 +101,7 @@ class SubmissionOptions:
                 columns = ("task", "score", *(f"{end} (%)" for end in ENDS))
                 figures = table(columns, _rows(own), left=columns[:1], no_wrap=columns, title=part)
                 show(figures, "", width=WIDTH)
-            verdict = f"differs: {difference}" if difference else "everything agrees"
+            verdict = f"differs: {difference}" if difference else "episodes and scores agree"
             show(verdict if self.rerun else f"written to {self.submit}", wrap=False)
         if difference is not None:
             raise typer.Exit(HOLDS)

@@ -55,7 +55,7 @@ class Forecast:
         covariance: Of the error of robots that are not lost, x, y (metres) and heading (radians),
             shape (n, 3, 3).
         lost: Share of robots that have been lost on the way there, shape (n,); it never falls.
-        causes: Stretches on which robots get lost, the worst first.
+        causes: Stretches on which robots get lost, the worst first; () of a class without skill.
         localizer: The class of localizer that it is of.
         odometry: Errors of the odometry that it is of.
         reliability: How many robots got lost where about as many were forecast to; None: that was
@@ -70,6 +70,11 @@ class Forecast:
     localizer: LocalizerClass
     odometry: OdometryNoise
     reliability: ReliabilityBin | None = None
+
+    def __post_init__(self) -> None:
+        """Drop the causes where the class cannot tell them."""
+        if not self.localizer.has_skill:
+            object.__setattr__(self, "causes", ())
 
     @property
     def lost_probability(self) -> float:
@@ -151,6 +156,15 @@ class Forecaster:
         if note is not None:
             warnings.warn(
                 f"localizer {self.localizer.name!r} was not calibrated for this: {note}",
+                InputWarning,
+                stacklevel=2,
+            )
+        if self.localizer.skill is not None and not self.localizer.has_skill:
+            low, high = self.localizer.skill
+            warnings.warn(
+                f"localizer {self.localizer.name!r} forecast lost robots no better than their mean "
+                f"share (Brier skill {low:g} to {high:g} in buildings left out): its forecasts "
+                "order no routes and name no cause.",
                 InputWarning,
                 stacklevel=2,
             )

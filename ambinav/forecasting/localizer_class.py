@@ -66,6 +66,7 @@ class LocalizerClass:
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
         offset: Added to them.
+        skill: Interval of the Brier skill on buildings left out; None: it was not measured.
         localizer: What drives are of, as in a scenario: a name of the registry, or a mapping with
             the key type and parameters. The odometry's parameters follow from the odometry.
         otherwise: Likewise, for scanners that `localizer` cannot use; None: there are none.
@@ -86,6 +87,7 @@ class LocalizerClass:
     angle: Positive = 0.2
     slope: Positive = 1.0
     offset: Number = 0.0
+    skill: tuple[Number, Number] | None = None
     localizer: Plain = DEFAULT
     otherwise: Plain | None = None
     made: str = ""
@@ -118,6 +120,11 @@ class LocalizerClass:
         plain: Any = parse_yaml(read_text(path), str(path), _EXAMPLE)
         if not isinstance(plain, Mapping):
             raise InputError(f"{path} holds {reprlib.repr(plain)}; give {_EXAMPLE}.")
+        if "type" in plain and "gain" not in plain:
+            raise InputError(
+                f"{path} is the file of a localizer, and this needs a class, whose forecasts were "
+                "fitted to its drives; make a class of it with `ambinav calibrate localizer`."
+            )
         try:
             made = from_mapping(cls, plain)
             for localizer in (made.localizer, made.otherwise):
@@ -159,6 +166,11 @@ class LocalizerClass:
         return isinstance(parameters, MclParameters) and parameters.laser_model_type.startswith(
             "likelihood_field"
         )
+
+    @property
+    def has_skill(self) -> bool:
+        """False if forecasts by the class may be no better than the mean lost share."""
+        return self.skill is None or self.skill[0] > 0.0
 
     @property
     def runs_command(self) -> bool:

@@ -59,7 +59,8 @@ class StudiedRoutes:
             f"{self.routes[0].runs} runs each; Brier skill on buildings left out "
             f"{fitted.skill_text}"
         )
-        return replace(fitted.localizer, made=made)
+        interval = float(f"{fitted.skill.low:.2g}"), float(f"{fitted.skill.high:.2g}")
+        return replace(fitted.localizer, made=made, skill=interval)
 
     @property
     def buildings(self) -> int:

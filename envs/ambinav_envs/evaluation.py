@@ -99,8 +99,11 @@ class Episodes:
 
     @property
     def length_ratio(self) -> Floats:
-        """Driven length over the shortest path for arrivals; nan for other episodes."""
-        return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
+        """Driven length over the shortest path for arrivals; nan for others, and at the start."""
+        ratio = np.full(len(self), np.nan)
+        there = self.ended(ARRIVED) & (self.shortest > 0.0)
+        np.divide(self.travelled, self.shortest, out=ratio, where=there)
+        return ratio
 
     @property
     def spl(self) -> Floats:

@@ -196,6 +196,9 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     ## Version History
 
+    * v2, `TwinRooms` alone: the paths from all hypotheses to the goal have a length from `shortest`
+      to `longest`. That from the true start alone had, so that the first observation often told
+      which of them it was.
     * v1: errors are in the motion, and `velocity` is that of the wheels. It was the true one, whose
       sum knew the position better than the localizer. `remaining` is observed, `declare` and
       `belief` are arguments. Speeds rise from -1 to 1, a step is 0.2 s, and rewards are smaller.

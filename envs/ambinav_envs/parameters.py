@@ -186,7 +186,8 @@ class NavigationParameters:
             only possible with "mcl" (and "perfect").
         start_aliases: Most aliased poses of the start, `buildings.aliases`, at which the localizer
             starts as well; 0: only at the robot's. Starts are then drawn among those that have one,
-            and goals for which it matters. Only possible with "mcl" (and "perfect").
+            and goals for which it matters, from `shortest` to `longest` away from all of them. Only
+            possible with "mcl" (and "perfect").
         start_prior: Least and greatest prior probability of one of these poses, which is drawn; the
             others share the rest equally. Particles are shared out by it.
         hypotheses: How many clusters of particles the observation contains, at most 16; a localizer

@@ -70,7 +70,7 @@ _LEVELS: Final[tuple[dict[str, Any], ...]] = (
     {"suite": "triple-rooms", "start_prior": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
 )
 _TWIN_ROOMS: Final[dict[str, dict[str, Any]]] = {
-    f"TwinRooms{level}-v1": {
+    f"TwinRooms{level}-v2": {
         "localizer": "mcl", "mcl": _SURE_MCL, "start_aliases": 2, "hypotheses": 3,
         "shortest": 6.0, "longest": 25.0, "max_steps": 500,
         "reward": {**PRESETS["shortest"], "time": 0.01}, **own,
@@ -107,22 +107,22 @@ _ABOUT: Final[dict[str, str]] = {
         "stands there until time is over, or says so and is wrong. A detour past walls and "
         "pillars makes it sure, and takes time: which one still pays has to be decided on the way."
     ),
-    "TwinRooms1-v1": (
+    "TwinRooms1-v2": (
         "The wings of the building are equal but for a post in one chamber, and the localizer "
         "starts in as many places. The post is seen in passing."
     ),
-    "TwinRooms2-v1": (
+    "TwinRooms2-v2": (
         "As the first level, but the post stands behind a passage of 1 to 6 m that is on no route: "
         "whoever does not look there guesses the wing, and half of the guesses are wrong."
     ),
-    "TwinRooms3-v1": (
+    "TwinRooms3-v2": (
         "As the second level, but one of the wings is more likely from the start, by 50 to 95 %: a "
         "look costs time, and pays only when it is not likely enough."
     ),
-    "TwinRooms4-v1": (
+    "TwinRooms4-v2": (
         "As the third level, with three wings: a look into one chamber may leave two of them."
     ),
-    "TwinRooms5-v1": ("As the fourth level, with people who hide the post, and worse odometry."),
+    "TwinRooms5-v2": ("As the fourth level, with people who hide the post, and worse odometry."),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
 

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from scipy.optimize import minimize
 from shapely.affinity import rotate
 
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.frames import between, compose
 from ambinav.localization.random import states
+from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
 from ambinav_envs import NavigationEnv, NavigationVectorEnv
 from ambinav_envs.buildings.aliases import APART, Aliases, hypotheses
@@ -22,7 +24,7 @@ from ambinav_envs.buildings.suites import suite
 from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.registration import IDS
 
-TASK = "ambinav/TwinRooms3-v1"
+TASK = "ambinav/TwinRooms3-v2"
 STILL = np.array([-1.0, 0.0, -1.0])
 
 
@@ -98,6 +100,92 @@ def test_particles_start_where_the_robot_may_be() -> None:
             *(np.array([x, y]) / math.hypot(x, y)),
         ]
         np.testing.assert_allclose(shown, expected, atol=1e-5)
+
+
+def first_observations(task: str, count: int) -> tuple[Floats, Floats, Ints]:
+    """Return log shares, features of each hypothesis from the first observation, and the true one.
+
+    Shapes (N, 3), (N, 3, F) and (N,). Hypotheses that do not exist have the log share -inf.
+    """
+    envs = NavigationVectorEnv(count, **{**IDS[task], "buildings": 6, "window": False})
+    seen, _ = envs.reset(seed=5)
+    shown = seen["hypotheses"].astype(float).reshape(count, 3, 4)
+    share, off, ahead, aside = shown.transpose(2, 0, 1)
+    clusters, truth = envs.simulation.clusters, envs.simulation.state["truth"]
+    away = np.hypot(*(clusters[:, :, 1:3] - truth[:, None, :2]).transpose(2, 0, 1))
+    away[share <= 0.0] = np.inf
+    # Near and far have bends where the paths that are drawn end, in 10 m.
+    bends = [np.maximum(near - off, 0.0) for near in (0.6, 0.9)]
+    bends += [np.maximum(off - far, 0.0) for far in (1.2, 1.6)]
+    features = np.stack([off, off**2, *bends, ahead, aside], axis=-1)
+    with np.errstate(divide="ignore"):
+        return np.log(share), features, away.argmin(axis=1)
+
+
+def log_losses(log_share: Floats, scores: Floats, true: Ints) -> Floats:
+    """Return the log loss of each episode, natural logarithm, for shares times exp(scores)."""
+    whole = np.logaddexp.reduce(log_share + scores, axis=1)
+    row = np.arange(len(true))
+    return np.asarray(whole - (log_share + scores)[row, true])
+
+
+@pytest.mark.slow(minutes=0.5)
+@pytest.mark.parametrize("level", range(1, 6))
+def test_the_first_observation_tells_no_more_than_the_shares(level: int) -> None:
+    log_share, features, true = first_observations(f"ambinav/TwinRooms{level}-v2", 400)
+    exists = np.isfinite(log_share)
+    assert (exists.sum(axis=1) >= 2).all()
+    features = (features - features[exists].mean(axis=0)) / features[exists].std(axis=0)
+
+    def loss(weights: Floats, rows: Any) -> float:
+        fit = log_losses(log_share[rows], features[rows] @ weights, true[rows]).mean()
+        return float(fit + 1e-3 * weights @ weights)
+
+    plain = log_losses(log_share, np.zeros_like(log_share), true)
+    fitted = np.empty_like(plain)
+    fold = np.arange(len(true)) % 4
+    for k in range(4):
+        weights = minimize(loss, np.zeros(features.shape[2]), fold != k).x
+        rows = fold == k
+        fitted[rows] = log_losses(log_share[rows], features[rows] @ weights, true[rows])
+    gain = plain - fitted
+    assert gain.mean() < 2.0 * gain.std() / math.sqrt(len(gain))
+    # The shares themselves are right: they lose what they say that they will.
+    expected = -(np.exp(log_share) * np.where(exists, log_share, 0.0)).sum(axis=1)
+    error = (plain - expected).std() / math.sqrt(len(plain))
+    assert plain.mean() == pytest.approx(expected.mean(), abs=3.0 * error)
+
+
+@pytest.mark.slow
+def test_paths_from_all_hypotheses_have_the_length_asked_for() -> None:
+    for level in (2, 4):
+        given = {**IDS[f"ambinav/TwinRooms{level}-v2"], "buildings": 2, "window": False}
+        envs = NavigationVectorEnv(24, **given)
+        _, info = envs.reset(seed=9)
+        simulation = envs.simulation
+        assert ((info["shortest"] >= 6.0) & (info["shortest"] <= 25.0)).all()
+        for site, task, clusters in zip(
+            simulation.sites, simulation.tasks, simulation.clusters, strict=True
+        ):
+            assert site is not None and task is not None
+            for share, x, y, _ in clusters:
+                if share > 0.05:
+                    # Those of the particles are centimetres off.
+                    metres = site.lattice.distance(task.cost_to_go.costs, x, y)
+                    assert 5.7 < metres < 25.3
+
+
+@pytest.mark.slow
+def test_given_ends_keep_their_aliases() -> None:
+    env = NavigationEnv(**arguments())
+    _, info = env.reset(seed=4)
+    pose, goal = info["true_pose"], env.simulation.state["goal"][0]
+    # A start that is given is the true one, and a goal that is given may be at any distance.
+    for options in ({"start": pose}, {"goal": goal}, {"start": pose, "goal": goal}):
+        _, info = env.reset(seed=6, options=options)
+        if "start" in options:
+            np.testing.assert_allclose(info["true_pose"], pose)
+        assert (env.simulation.clusters[0, :2, 0] > 0.02).all()
 
 
 @pytest.mark.slow

@@ -186,9 +186,9 @@ def test_no_second_of_belief_earns_what_it_costs() -> None:
         assert 0.0 < most * weights["belief"] < weights["time"], name
 
 
-@pytest.mark.parametrize("name", ["Navigation", "TwinRooms1"])
+@pytest.mark.parametrize("name", ["Navigation-Belief-v1", "TwinRooms1-Belief-v2"])
 def test_nobody_is_paid_for_standing(name: str) -> None:
-    env = gym.make(f"ambinav/{name}-Belief-v1", buildings=1)
+    env = gym.make(f"ambinav/{name}", buildings=1)
     seen, _ = env.reset(seed=1)
     total = 0.0
     for _ in range(20):

@@ -211,6 +211,27 @@ def test_bad_arguments(demo_map: AmbiguityMap, arguments: dict[str, object], mes
         Forecaster(demo_map, **arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
+def test_a_class_without_skill_names_no_cause(demo_map: AmbiguityMap, tmp_path: Path) -> None:
+    plain = LocalizerClass.load("product")
+    assert plain.skill is not None and plain.has_skill
+    replace(plain, skill=(-11.98, 0.11)).to_yaml(tmp_path / "dead.yaml")
+    dead = LocalizerClass.load(tmp_path / "dead.yaml")
+    assert dead.skill == (-11.98, 0.11) and not dead.has_skill
+    with pytest.warns(InputWarning, match=r"no better than their mean .* -11.98 to 0.11 in"):
+        forecast = Forecaster(demo_map, localizer=dead)(HALL)
+    known = Forecaster(demo_map)(HALL)
+    np.testing.assert_array_equal(forecast.lost, known.lost)
+    assert forecast.causes == () and replace(known, localizer=plain).causes == known.causes
+
+
+def test_the_file_of_a_localizer_is_no_class(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("type: program\ncommand: [python, mine.py]\n")
+    with pytest.raises(InputError, match="make a class of it with `ambinav calibrate localizer`"):
+        LocalizerClass.load(path)
+
+
 def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
     forecaster = Forecaster(demo_map)
     far = Route.through([[100.0, 100.0], [120.0, 100.0]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -100,7 +101,12 @@ def test_class_file_is_read_again(studied: StudiedRoutes, tmp_path: Path) -> Non
     assert f"{len(studied.routes)} routes with short in 5 buildings, 16 runs each" in entry.made
     environment = HALLS["hall-3"]
     amap = build_map(environment, SETTINGS.scanners["short"], spacing=0.5, store=False)
-    runner = Forecaster(amap, "poor", path).runner()
+    skill = studied.calibration.skill
+    assert entry.skill == pytest.approx((skill.low, skill.high), rel=0.05)
+    with warnings.catch_warnings():
+        # So few routes may or may not show a skill.
+        warnings.simplefilter("ignore", InputWarning)
+        runner = Forecaster(amap, "poor", path).runner()
     (route, *_) = fair_routes("hall-3", environment, SETTINGS)
     assert runner.compiled
     assert len(runner.drive(route, np.random.default_rng(1), 16)) == 16

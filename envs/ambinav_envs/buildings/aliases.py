@@ -101,6 +101,7 @@ class Aliases:
         there = self.alike[nearest]
         # The same offset from the alias as from the cell.
         aliases = compose(there, between(self.poses[nearest], pose))
+        aliases[:, 2] = wrap_angles(aliases[:, 2])
         wrong = compose(pose, between(aliases, np.append(goal, 0.0)))
         kept = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
         return np.concatenate([pose[None], kept]) if len(kept) else None

@@ -17,6 +17,7 @@ from ambinav_envs.buildings.tasks import (
     Task,
     draw_places,
     draw_task,
+    path_length,
     spread_from,
     start_for,
 )
@@ -152,6 +153,32 @@ class Goals:
         """Return the map's shortest path of one of these tasks; see `doors.shortest_path`."""
         return shortest_path(self._lattice, self._priced, task)
 
+    def lengths(self, task: Task) -> Floats32:
+        """Return the lengths of the map's shortest paths to the goal of one of these tasks."""
+        if self._priced is None and self._world is self._lattice:
+            return task.cost_to_go.costs
+        return self._costs_to(task.goal, self._lattice.table)[0]
+
+    def restarted(self, task: Task, start: Floats) -> Task | None:
+        """Return one of these tasks from another start; None: the robot does not fit there.
+
+        Args:
+            task: The task.
+            start: x, y, theta, shape (3,).
+        """
+        lengths = self.lengths(task)
+        distance = self._lattice.distance(lengths, float(start[0]), float(start[1]))
+        checker, pose = self._lattice.checker, start[None] * (1.0, 1.0, 0.0)
+        if not (
+            np.isfinite(distance)
+            and checker.poses_free(pose)[0]
+            and checker.clearance(pose)[0] >= MARGIN
+        ):
+            return None
+        if self._world is not self._lattice:
+            lengths = self._costs_to(task.goal, self._world.table)[0]
+        return self._along(start, task.goal, distance, task.cost_to_go, lengths)
+
     def _along(
         self,
         start: Floats,
@@ -162,9 +189,11 @@ class Goals:
     ) -> Task | None:
         """Return a task, or None if its ends are not free or not connected in the world."""
         world, x, y = self._world, float(start[0]), float(start[1])
+        cost = distance
         if world is not self._lattice:
             ends = np.array([[x, y, 0.0], [goal[0], goal[1], 0.0]])
-            distance = world.distance(true_lengths, x, y)
+            cost = world.distance(true_lengths, x, y)
+            distance = path_length(world, start[:2], goal, cost)
             checker = world.checker
             if not (
                 np.isfinite(distance)
@@ -172,7 +201,6 @@ class Goals:
                 and (checker.clearance(ends) >= MARGIN).all()
             ):
                 return None
-        cost = distance
         if self._priced is not None:
             cost = world.distance(cost_to_go.costs, x, y)
         return Task(start, goal, distance, cost_to_go, cost)

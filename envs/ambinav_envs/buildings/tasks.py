@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +137,30 @@ def draw_task(
             f"{task[4]:g}); move one of them."
         )
     task[5] = lattice.distance(field, float(task[0]), float(task[1]))
-    return Task.shortest(task, CostToGo.of(field, table))
+    drawn = Task.shortest(task, CostToGo.of(field, table))
+    return replace(drawn, distance=path_length(lattice, task[:2], task[3:5], drawn.distance))
+
+
+def path_length(lattice: FreeSpaceLattice, start: Floats, goal: Floats, read: float) -> float:
+    """Return the length of the path from a start to a goal, metres.
+
+    Read from costs to go, which are linear between cells, it is up to a cell's half diagonal too
+    long right at the goal, where they have the tip of a cone. The cost to go stays as it is read:
+    rewards are its differences.
+
+    Args:
+        lattice: Lattice that the costs are for.
+        start: x, y, shape (2,).
+        goal: x, y, shape (2,).
+        read: The length by `FreeSpaceLattice.distance`.
+    """
+    x, y = float(start[0]), float(start[1])
+    goal_x, goal_y = float(goal[0]), float(goal[1])
+    straight = math.hypot(goal_x - x, goal_y - y)
+    near = straight <= REACH * lattice.spacing
+    if near and line_free(x, y, goal_x, goal_y, *lattice.checker.arrays):
+        return straight
+    return read
 
 
 def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) -> Floats:

@@ -130,6 +130,20 @@ class FrozenBenchmark:
             for built in recorded:
                 yield RECORDED, task, replace(venue, name=built.name, what=built, count=None)
 
+    def episodes_of(self, part: str, task: str) -> list[tuple[str, int]]:
+        """Return key of the building and public seed of each episode of a task, in order.
+
+        Args:
+            part: One of `PARTS`.
+            task: One of its tasks.
+        """
+        keys, count = [Path(name).stem for name in self.maps], self.map_episodes
+        if part == DRAWN:
+            name, count = str(venue_of_task(task, 1).what), self.episodes
+            numbers = range(self.first, self.first + len(self.buildings[name]))
+            keys = [f"{name}-{number}" for number in numbers]
+        return [(key, own) for key in keys for own in seeds_of(self.seed, task, key, count)]
+
     def _map(self, folder: Path, name: str, digest: str) -> Environment:
         path = folder / name
         if not path.is_file():

@@ -167,6 +167,11 @@ def planner_methods(names: Sequence[str]) -> list[Method]:
         return [planner_method(name, choice) for name, choice in PLANNERS.items()]
     methods = [planner_method(SHORTEST, PLANNERS[SHORTEST])]
     for name_and_weight in names:
+        if name_and_weight == SHORTEST:
+            raise InputError(
+                f"--planner: the method {SHORTEST!r}, routes of {PLANNERS[SHORTEST].planner} at "
+                "weight 0, always takes part; leave it out."
+            )
         name, colon, number = name_and_weight.partition(":")
         try:
             weight = float(number) if colon else 5.0

@@ -3,36 +3,35 @@
 from __future__ import annotations
 
 import base64
-import binascii
-import hashlib
 import json
 import platform
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from ambinav.drive.bootstrap import percentiles
+from ambinav.config import nearest
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.progress import Stages
 from ambinav.runtime.provenance import Provenance, digest_of
-from ambinav_envs.leaderboard.figures import draws, plain
-from ambinav_envs.leaderboard.frozen import DRAWN, PARTS, RECORDED, FrozenBenchmark, Outcome, drive
+from ambinav_envs.leaderboard.frozen import RECORDED, FrozenBenchmark, drive
 from ambinav_envs.leaderboard.methods import Method, policy_method
 from ambinav_envs.leaderboard.store import computed_by
+from ambinav_envs.leaderboard.submission_checks import (
+    Record,
+    contradictions,
+    first_difference,
+    is_complete,
+    scores_of,
+)
 from ambinav_envs.policies.archive import MEBIBYTE
-from ambinav_envs.simulation.layout import ARRIVED, OUTCOMES, TIMEOUT
 
 FORMAT: Final = 1
 EMBEDDED: Final = 16 * MEBIBYTE
 """Policy files of at most so many bytes are part of the submission."""
-
-Record = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class Entry:
     Attributes:
         tasks: The tasks in which it drives.
         method: The method.
-        kind: "reactive", "file" or "callable".
+        kind: One of `submission_checks.KINDS`.
         checksum: SHA-256 of its file or code, or `ReactivePolicy.checksum`.
         content: The file in base64 if it is to be part of the submission.
     """
@@ -71,7 +70,7 @@ class Entry:
         return {
             "name": self.method.name, "kind": self.kind, "tasks": self.tasks,
             "sha256": self.checksum, "file": self.content,
-            "complete": self.kind == "reactive" or self.content is not None,
+            "complete": is_complete(self.kind, self.content),
         }  # fmt: skip
 
 
@@ -91,6 +90,11 @@ def entries_for(frozen: FrozenBenchmark, policies: Sequence[str], trust: bool) -
         return _entries_in(read_submission(Path(policies[0]), frozen), (), trust)
     by_task = [text.split("=", 1) for text in policies if text.partition("=")[0] in frozen.tasks]
     common = [text for text in policies if text.partition("=")[0] not in frozen.tasks]
+    for text in (text for text in common if "=" in text and not Path(text).exists()):
+        task = text.partition("=")[0]
+        raise InputError(
+            f"--policy {text}: {task!r} is no task of the benchmark; {nearest(task, frozen.tasks)}."
+        )
     chosen = {**dict.fromkeys(frozen.tasks, common[0] if common else ""), **dict(by_task)}
     if len(common) > 1 or len(dict(by_task)) < len(by_task) or "" in chosen.values():
         raise InputError(
@@ -151,30 +155,6 @@ def make_record(
     return {**record, "digest": digest_of(record)}
 
 
-def scores_of(tasks: Mapping[str, Sequence[Sequence[Any]]]) -> Record:
-    """Return the score of all tasks and of each, with intervals over buildings, and the outcomes.
-
-    Args:
-        tasks: The fields of each `Outcome`, by task.
-    """
-    scores, means, drawn = {}, [], []
-    for task, rows in tasks.items():
-        outcomes = [Outcome(*row) for row in rows]
-        score = np.array([outcome.score for outcome in outcomes])
-        building = np.array([outcome.building for outcome in outcomes])
-        # Tasks in the same buildings have the same draws of them.
-        weights = np.concatenate([*draws(str(building[0]).rpartition("-")[0], building, 0)])
-        means.append(float(np.mean(score)))
-        drawn.append(weights @ score / len(score))
-        ended = [outcome.ended for outcome in outcomes]
-        scores[task] = {
-            **(plain(percentiles(means[-1], drawn[-1], len(score))) or {}),
-            **{name: ended.count(name) for name in OUTCOMES[ARRIVED : TIMEOUT + 1]},
-        }
-    total = percentiles(float(np.mean(means)), np.mean(drawn, axis=0), len(means))
-    return {"score": plain(total), "tasks": scores}
-
-
 def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
     """Read a submission and check what can be checked without driving.
 
@@ -195,8 +175,8 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
             raise InputError(
                 f"{path}: it is a quick trial and no submission; submit without --quick."
             )
-        for name in _contradictions(record, frozen):
-            raise InputError(f"{path}: {name} contradicts the rest, so the file was changed.")
+        for name in contradictions(record, frozen):
+            raise InputError(f"{path}: {name}, so the file was changed.")
         reason = computed_by().difference(Provenance(**record["computed_by"]))
     except InputError:
         raise
@@ -215,33 +195,6 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
     if reason is not None:
         warnings.warn(f"{path} was computed by {reason}.", InputWarning, stacklevel=2)
     return record
-
-
-def _sha256_of(encoded: str) -> str | None:
-    """Return the SHA-256 of a file in base64; None where it cannot be decoded."""
-    try:
-        return hashlib.sha256(base64.b64decode(encoded, validate=True)).hexdigest()
-    except binascii.Error:
-        return None
-
-
-def _contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
-    """Yield the names of parts of a submission that do not fit the rest."""
-    rest = {name: value for name, value in record.items() if name != "digest"}
-    if record["digest"] != digest_of(rest):
-        yield "digest"
-    if record["seeds"] not in ("public", "hidden"):
-        yield "seeds"
-    if sorted(t for policy in record["policies"] for t in policy["tasks"]) != sorted(frozen.tasks):
-        yield "policies"
-    for policy in record["policies"]:
-        content = policy["file"]
-        if content is not None and _sha256_of(content) != policy["sha256"]:
-            yield f"the file of policy {policy['name']!r}"
-    for part in (part for part in PARTS if part == DRAWN or part in record):
-        episodes = record[part]["episodes"]
-        if episodes is not None and record[part] != {**scores_of(episodes), "episodes": episodes}:
-            yield f"{part}: score"
 
 
 def verify(
@@ -277,23 +230,7 @@ def verify(
             raise InputError(f"{path}: it was made {how}.")
     entries = _entries_in(record, policies, trust)
     again = make_record(frozen, entries, begin, secret, maps)
-    return record, _first_difference(record, again)
-
-
-def _first_difference(record: Record, again: Record) -> str | None:
-    for part in (part for part in PARTS if record.get(part) != again.get(part)):
-        for task, rows in (record[part]["episodes"] or {}).items():
-            for row, here in zip(rows, again[part]["episodes"].get(task, ()), strict=False):
-                if row != here:
-                    return f"{task}, {_text(row)} in the file, but {_text(here)} here."
-        values = [run[part]["score"]["value"] for run in (record, again)]
-        return f"{part}: score {values[0]:.6g} in the file, but {values[1]:.6g} here."
-    return None
-
-
-def _text(row: Sequence[Any]) -> str:
-    building, seed, ended, seconds, score = Outcome(*row)
-    return f"{building}, seed {seed}: {ended} after {seconds:g} s with score {score:.6g}"
+    return record, first_difference(record, again)
 
 
 def _entries_in(record: Record, given: Sequence[str], trust: bool) -> list[Entry]:

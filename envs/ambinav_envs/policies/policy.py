@@ -24,6 +24,10 @@ from ambinav_envs.spaces import continuous
 
 Actions = NDArray[Any]
 
+# Torch adds up in an order that depends on the number of rows where that is not a multiple of this:
+# an action would depend on how many others are computed with it, by a last bit or two. Layers whose
+# widths are no multiples of 4, or below 12, do so nonetheless, by where among the rows one stands.
+ROWS = 8
 
 SEEING: Final[tuple[str, ...]] = (
     "window", "window_cells", "window_spacing", "ambiguity_weight", "waypoint", "waypoint_distance",
@@ -211,12 +215,22 @@ class ModelPolicy(Policy):
             seen = {ROW: np.concatenate(list(seen.values()), axis=1)}
         if self.normalization is not None:
             seen = self.normalization(seen)
+        count = len(starts)
+        seen = {name: _padded(part) for name, part in seen.items()}
         given: Any = seen if "parts" in self._wanted else seen[ROW]
         with _one_thread():
             actions, self._state = self.model.predict(
-                given, state=self._state, episode_start=starts, deterministic=True
+                given, state=self._state, episode_start=_padded(starts), deterministic=True
             )
-        return np.asarray(actions)
+        return np.asarray(actions)[:count]
+
+
+def _padded(rows: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with rows of zeros added, up to a multiple of `ROWS`."""
+    missing = -len(rows) % ROWS
+    if not missing:
+        return rows
+    return np.concatenate([rows, np.zeros((missing, *rows.shape[1:]), rows.dtype)])
 
 
 @contextmanager

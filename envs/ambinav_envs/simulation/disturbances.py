@@ -7,8 +7,8 @@ same noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def draw_disturbances(
     stream: UInts,
     draw: Callable[..., Task],
     tries: int,
-    whole: bool,
+    given: Mapping[str, Any],
 ) -> tuple[Task, Disturbances | None] | None:
     """Draw a task, and the disturbances on it.
 
@@ -57,8 +57,8 @@ def draw_disturbances(
         stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task in a site, from a start if one is given.
         tries: How many tasks are drawn until there is one with a door to close, or with aliases.
-        whole: Whether neither start nor goal is given. An aliased start without a goal is then
-            drawn again; else that is an error.
+        given: `start` and `goal` of the episode, None where `draw` draws them. An aliased start
+            without a goal is drawn again if neither is given; else that is an error.
 
     Returns:
         The task and its disturbances, which are None where the parameters ask for none; or
@@ -70,8 +70,10 @@ def draw_disturbances(
     if not (p.kidnapped or p.slip or p.closed_door or p.start_aliases):
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
-    for _ in range(tries if closing or p.start_aliases else 1):
-        task, starts = _attempt(site, p, stream, draw, closing, whole)
+    for attempt in range(tries if closing or p.start_aliases else 1):
+        # With fewer hypotheses than the start has only where there is nothing else.
+        every = attempt < tries // 2
+        task, starts = _attempt(site, p, stream, draw, closing, given, every)
         if task is not None:
             break
     else:
@@ -97,24 +99,77 @@ def _attempt(
     stream: UInts,
     draw: Callable[..., Task],
     closing: bool,
-    whole: bool,
+    given: Mapping[str, Any],
+    every: bool,
 ) -> tuple[Task | None, Floats | None]:
     """Draw a task with a door to close and aliases, as asked for; None where it has none."""
     start = site.aliases.draw(stream) if p.start_aliases else None
     try:
         task = draw(site, start)
     except InputError:
-        if start is None or not whole:
+        if start is None or given["start"] is not None or given["goal"] is not None:
             raise
         # No goal is as far from this start as is asked for.
         return None, None
+    starts = None
+    if p.start_aliases:
+        aliased = _with_aliases(site, p, stream, task, given, every)
+        if aliased is None:
+            return None, None
+        task, starts = aliased
     closed = site.goals.close_door(task, stream, p.door_width, p.detour) if closing else task
-    if closed is None or not p.start_aliases:
-        return closed, None
+    return closed, starts
+
+
+def _with_aliases(
+    site: Site,
+    p: NavigationParameters,
+    stream: UInts,
+    task: Task,
+    given: Mapping[str, Any],
+    every: bool,
+) -> tuple[Task, Floats] | None:
+    """Return a task that starts at one of several poses, and these with their probabilities.
+
+    Nothing about the start and the goal tells which of them is the true one: where the path from
+    the start has a given length, those from the others have it too, and a start that is not given
+    is drawn among them all, since only that which was drawn first lies on a point of the map.
+
+    Args:
+        site: See `draw_disturbances`, as p, stream and given.
+        p: See there.
+        stream: See there.
+        task: From one of the poses.
+        given: See there.
+        every: Whether none of its aliases may be left out.
+
+    Returns:
+        The task and `aliases.hypotheses`; None where the start has no such aliases.
+    """
     poses = site.aliases.among(task.start, task.goal)
     if poses is None:
-        return None, None
-    return closed, hypotheses(poses, p.start_prior, stream)
+        return None
+    fits = np.ones(len(poses), dtype=np.bool_)
+    if given["goal"] is None:
+        lengths = site.goals.lengths(task)
+        metres = np.array([site.lattice.distance(lengths, x, y) for x, y, _ in poses.tolist()])
+        fits = (metres >= p.shortest) & (metres <= p.longest)
+    tasks: list[Task | None] = [task] * len(poses)
+    if given["start"] is None:
+        tasks = [site.goals.restarted(task, pose) for pose in poses]
+        fits &= [restarted is not None for restarted in tasks]
+    else:
+        # A given start is as far from its goal as it is.
+        fits[0] = True
+    if not fits[0] or fits.sum() < (len(poses) if every else 2):
+        return None
+    kept = np.flatnonzero(fits)
+    if given["start"] is None:
+        first = int(uniform(stream) * len(kept))
+        kept[[0, first]] = kept[[first, 0]]
+    chosen = tasks[kept[0]]
+    assert chosen is not None
+    return chosen, hypotheses(poses[kept], p.start_prior, stream)
 
 
 def no_task(site: Site, p: NavigationParameters) -> InputError:
@@ -123,8 +178,8 @@ def no_task(site: Site, p: NavigationParameters) -> InputError:
         return InputError(
             f"start_aliases: in {site.building.environment.name!r} no start and goal are "
             f"{p.shortest:g} to {p.longest:g} m apart where another pose at least {APART:g} m away "
-            "gives the same scan and leads to another goal; give another building or distance, or "
-            "a scanner of shorter range."
+            "gives the same scan, has the robot's clearance, is as far from the goal and leads to "
+            "another one; give another building or distance, or a scanner of shorter range."
         )
     return InputError(
         f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "

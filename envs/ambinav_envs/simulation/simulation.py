@@ -274,8 +274,7 @@ class Simulation:
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
-            own = start is None and goal is None
-            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, own)
+            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, given)
             if drawn is not None:
                 break
         else:

@@ -93,10 +93,14 @@ def _minutes(axes: Axes, rows: Sequence[Row], unit: float) -> None:
     """Write the duration of the training."""
     if not rows:
         return
-    minutes: Any = (rows[-1]["seconds"] or 0.0) / 60.0
     steps = (rows[-1]["steps"] or 0.0) / unit
+    duration = duration_text(rows[-1]["seconds"] or 0.0)
     axes.text(
-        1.0, 1.02, f"{steps:.3g} {'million' if unit == 1e6 else 'thousand'} steps in "
-        f"{minutes:.3g} minutes", transform=axes.transAxes, ha="right", fontsize="small",
-        color="#555555",
+        1.0, 1.02, f"{steps:.3g} {'million' if unit == 1e6 else 'thousand'} steps in {duration}",
+        transform=axes.transAxes, ha="right", fontsize="small", color="#555555",
     )  # fmt: skip
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in seconds, or from 100 of them in minutes."""
+    return f"{seconds:.0f} seconds" if seconds < 99.5 else f"{seconds / 60.0:.1f} minutes"

@@ -65,7 +65,7 @@ def figures_of(episodes: Sequence[Episode]) -> Figures:
         return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
     outcomes = [episode["outcome"] for episode in episodes]
     there = [episode for episode in episodes if episode["outcome"] == "arrived"]
-    ratios = [episode["travelled"] / episode["shortest"] for episode in there]
+    ratios = [e["travelled"] / e["shortest"] for e in there if e["shortest"] > 0.0]
     shares = ("arrived", "missed", "collided", "timeout")
     return {
         "episodes": float(count),

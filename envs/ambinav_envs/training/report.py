@@ -8,6 +8,7 @@ from typing import Any
 
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.config import Training
+from ambinav_envs.training.curve import duration_text
 
 SHOWN = {
     "arrived": ("arrived", 100.0, "{:.1f} %"),
@@ -39,7 +40,7 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
     lines = [
         f"# {config.algorithm} in {environment['id']}",
         "",
-        f"{summary['steps']:,} steps in {summary['seconds'] / 60.0:.1f} minutes, in {began}, with "
+        f"{summary['steps']:,} steps in {duration_text(summary['seconds'])}, in {began}, with "
         f"{config.envs} environments and {config.threads} threads, seed {config.seed}. "
         f"Arguments: {arguments or 'none'}.",
         "",

@@ -139,8 +139,11 @@ class Run:
         folder, steps = self.folder, int(self.model.num_timesteps)
         about = folder / files.ABOUT
         record = files.read_json(about) if about.is_file() else files.about(self.config, command)
-        session = files.session(steps, command)
-        if record["sessions"] and record["sessions"][-1].get("code") != session["code"]:
+        session, finished = files.session(steps, command), self.share >= 1.0
+        if finished and record["sessions"]:
+            # Nothing is left to train: only the files of the end are written.
+            session = record["sessions"].pop()
+        elif record["sessions"] and record["sessions"][-1].get("code") != session["code"]:
             warnings.warn(
                 f"{folder}: the training was begun by other code than what goes on with it now.",
                 InputWarning,

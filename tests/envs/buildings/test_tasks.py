@@ -56,6 +56,22 @@ def test_start_or_goal_may_be_given() -> None:
     assert task.distance == pytest.approx(1.0, rel=0.03)
 
 
+def test_a_path_to_a_goal_that_is_near_is_as_long_as_it_is() -> None:
+    places = places_in(room())
+    for off in (0.0, 0.03, 0.1, 0.33, 0.49):
+        for angle in np.linspace(0.0, 6.0, 9):
+            goal = (2.03 + off * math.cos(angle), 3.07 + off * math.sin(angle))
+            task = draw_task(places, state(1), 0.0, 1.0, start=(2.03, 3.07, 0.0), goal=goal)
+            assert task.distance == pytest.approx(off, abs=1e-12)
+            # Rewards are differences of what is read from costs to go.
+            read = places.distance(task.cost_to_go.costs, 2.03, 3.07)
+            assert task.cost == read <= task.distance + 0.15
+    # Behind a wall nothing is near.
+    places = places_in(screen())
+    task = draw_task(places, state(1), 0.0, 1.0, start=(3.77, 1.0, 0.0), goal=(4.23, 1.0))
+    assert task.distance > 5.0
+
+
 def test_far_ends_are_found_that_are_hardly_ever_drawn() -> None:
     places = places_in(room(20.0, 1.2))
     task = draw_task(places, state(3), 18.9, 30.0)

@@ -25,6 +25,7 @@ from tests.envs.policies.test_network import observations, same_actions, trained
 from ambinav_envs.policies import ModelPolicy, load_policy, save_policy  # isort: skip
 from ambinav_envs.policies.card import Card, arguments_of, plain_environment
 from ambinav_envs.policies.load import checksum_of
+from ambinav_envs.policies.policy import ROWS
 from ambinav_envs.sb3 import make_sb3
 
 PLUG = """
@@ -165,9 +166,9 @@ def test_a_policy_of_one_row() -> None:
         observation_space, action_space = row, envs.action_space
 
         def predict(self, seen: Any, **_: Any) -> tuple[Any, None]:
-            assert seen.shape == (2, *row.shape)
+            assert seen.shape == (ROWS, *row.shape) and not seen[2:].any()
             self.seen = seen
-            return np.zeros((2, 2)), None
+            return np.zeros((ROWS, 2)), None
 
     policy = ModelPolicy(Flat())
     policy.prepare(envs.observation_space, envs.action_space)
@@ -184,7 +185,7 @@ def test_a_recurrent_policy_keeps_its_state() -> None:
         observation_space, action_space = spaces_of()
 
         def predict(self, seen: Any, state: Any, episode_start: Any, **_: Any) -> tuple[Any, Any]:
-            state = np.zeros(2) if state is None else state
+            state = np.zeros(ROWS) if state is None else state
             state = np.where(episode_start, 0.0, state) + 1.0
             return np.tile(state[:, None], (1, 2)), state
 

@@ -22,6 +22,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import ModelPolicy, load_policy, save_policy
 from ambinav_envs.policies.network import Network, _count, _make, _options
+from ambinav_envs.policies.policy import ROWS
 from ambinav_envs.policies.shapes import described, space_of
 from ambinav_envs.sb3 import make_sb3
 from ambinav_envs.spaces import action_space, observation_space
@@ -149,9 +150,11 @@ def test_one_row(tmp_path: Path) -> None:
     policy.prepare(env.observation_space, env.action_space)
     seen, _ = env.reset(seed=1)
     row = spaces.flatten(env.observation_space, seen)
-    wanted, _ = made.predict(envs.normalize_obs(row), deterministic=True)
+    # A row alone would be added up in another order, see `policy.ROWS`.
+    rows = np.tile(envs.normalize_obs(row), (ROWS, 1))
+    wanted, _ = made.predict(rows, deterministic=True)
     given = {name: part[None] for name, part in seen.items()}
-    assert np.array_equal(policy.act(given, np.ones(1, dtype=np.bool_))[0], wanted)
+    assert np.array_equal(policy.act(given, np.ones(1, dtype=np.bool_))[0], wanted[0])
 
 
 class Other(CombinedExtractor):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +20,7 @@ from typer.testing import CliRunner
 pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.provenance import digest_of
 from ambinav_envs.evaluation import UNSEEN, Episodes
 from ambinav_envs.leaderboard.frozen import DEFINITION, FrozenBenchmark, seeds_of
@@ -27,9 +29,9 @@ from ambinav_envs.leaderboard.submission import (
     entries_for,
     make_record,
     read_submission,
-    scores_of,
     verify,
 )
+from ambinav_envs.leaderboard.submission_checks import first_difference, scores_of
 from ambinav_envs.simulation.layout import OUTCOMES
 from ambinav_envs.tasks import HARD_TASKS, VARIANTS
 from tests.envs.policies.models import saved
@@ -105,7 +107,8 @@ def written(record: dict[str, Any], path: Path, *, sealed: bool = True) -> Path:
     """The file of a submission; `sealed`: by someone who also corrects scores and digest."""
     if sealed:
         rest = {name: value for name, value in record.items() if name != "digest"}
-        rest["drawn"] |= scores_of(rest["drawn"]["episodes"])
+        if rest["drawn"]["episodes"] is not None:
+            rest["drawn"] |= scores_of(rest["drawn"]["episodes"])
         record = {**rest, "digest": digest_of(rest)}
     path.write_text(json.dumps(record))
     return path
@@ -206,6 +209,45 @@ def test_a_submission_is_verified(
     _, difference = verify(written(changed, tmp_path / "changed.json"), frozen, ignore)
     assert difference is not None and "arrived after 12 s with score 0.75 in the file" in difference
     assert difference.startswith(f"{HARD}, hall-1001, seed ")
+    assert difference.endswith("here (seconds, score differ).")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda record: record["policies"][1].update(sha256="0" * 64),
+            f"policy 'vfh': sha256 is {'0' * 64} in the file, but ",
+        ),
+        (
+            lambda record: record["drawn"]["tasks"][HARD].update(low=0.5),
+            f"drawn, {HARD}: low is 0.5 in the file, but ",
+        ),
+        (
+            lambda record: record["drawn"]["score"].update(value=0.5),
+            "drawn: value of the score is 0.5 in the file, but ",
+        ),
+        (
+            lambda record: record["drawn"]["episodes"][PLAIN][0].__setitem__(3, 7.0),
+            r"\(seconds differ\)\.$",
+        ),
+    ],
+)
+def test_differences_are_named(
+    change: Callable[[dict[str, Any]], None], message: str, record: dict[str, Any]
+) -> None:
+    changed = copied(record)
+    change(changed)
+    assert first_difference(record, copied(record)) is None
+    assert re.search(message, str(first_difference(changed, record)))
+
+
+def test_the_kept_submission_holds() -> None:
+    path = Path(__file__).parents[3] / "benchmarks/results/benchmark-v1-vfh-aware.json"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        record = read_submission(path, FrozenBenchmark.read())
+    assert len(record["drawn"]["episodes"]) == 6
 
 
 def _other_outcome(record: dict[str, Any]) -> None:
@@ -246,9 +288,75 @@ def _no_tasks(record: dict[str, Any]) -> None:
     del record["policies"][0]["tasks"]
 
 
+def _other_field(record: dict[str, Any]) -> None:
+    record["note"] = "best of all"
+
+
+def _field_of_a_policy(record: dict[str, Any]) -> None:
+    record["policies"][0]["note"] = "best of all"
+
+
+def _field_of_results(record: dict[str, Any]) -> None:
+    record["drawn"]["note"] = "best of all"
+
+
+def _complete(record: dict[str, Any]) -> None:
+    record["policies"][0] |= {"kind": "callable", "file": None}
+
+
+def _kind(record: dict[str, Any]) -> None:
+    record["policies"][1]["kind"] = "magic"
+
+
+def _without_episodes(record: dict[str, Any]) -> None:
+    record["drawn"]["episodes"] = None
+
+
+def _said_to_be_hidden(record: dict[str, Any]) -> None:
+    record["seeds"] = "hidden"
+
+
+def _without_a_task(record: dict[str, Any]) -> None:
+    del record["drawn"]["tasks"][HARD], record["drawn"]["episodes"][HARD]
+
+
+def _half_of_them(record: dict[str, Any]) -> None:
+    del record["drawn"]["episodes"][HARD][2:]
+
+
+def _the_best_twice(record: dict[str, Any]) -> None:
+    rows = record["drawn"]["episodes"][HARD]
+    rows[:] = rows[:2] * 2
+
+
+def _own_seed(record: dict[str, Any]) -> None:
+    record["drawn"]["episodes"][HARD][1][1] += 1
+
+
+def _more_than_all(record: dict[str, Any]) -> None:
+    record["drawn"]["episodes"][HARD][1][2:] = ["arrived", 1.0, 1.5]
+
+
+def _no_number(record: dict[str, Any]) -> None:
+    record["drawn"]["episodes"][HARD][1][4] = float("nan")
+
+
 @pytest.mark.parametrize(
     ("change", "sealed", "message"),
     [
+        (_other_field, True, "'note' is no field of a submission, so the file was changed"),
+        (_field_of_a_policy, True, "'note' is no field of policy 'mine'"),
+        (_field_of_results, True, "drawn: 'note' is no field of results"),
+        (_complete, True, "complete of policy 'mine' contradicts the rest"),
+        (_kind, True, "kind of policy 'vfh' contradicts the rest"),
+        (_without_episodes, True, "drawn: episodes contradicts seeds"),
+        (_said_to_be_hidden, True, "drawn: episodes contradicts seeds"),
+        (_without_a_task, True, "drawn: task ambinav/AccurateGoal-v1 is missing"),
+        (_half_of_them, True, "the 2 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
+        (_the_best_twice, True, "the 4 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
+        (_own_seed, True, "the 4 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
+        (_more_than_all, True, "cannot be: hall-1000, seed .*: arrived after 1 s with score 1.5"),
+        (_no_number, True, "an episode of ambinav/AccurateGoal-v1 cannot be"),
         (_other_outcome, False, "digest contradicts the rest"),
         (_other_score, False, "digest contradicts the rest"),
         (_other_weights, True, "the file of policy 'mine' contradicts the rest"),
@@ -344,6 +452,11 @@ def test_who_does_not_navigate_scores_nothing(
         ([f"{HARD}=vfh"], "a task has two policies or none"),
         ([f"{HARD}=vfh", f"{HARD}=dwa", "vfh"], "a task has two policies or none"),
         ([f"{HARD}=vhf", "vfh"], "did you mean vfh"),
+        (
+            ["ambinav/AcurateGoal-v1=vfh", "vfh"],
+            "'ambinav/AcurateGoal-v1' is no task of the benchmark; did you mean ambinav/Accu",
+        ),
+        (["Procedural-v1=vfh", "vfh"], f"is no task of the benchmark; did you mean {PLAIN}"),
         (["gone.json"], "gone.json: it cannot be read"),
     ],
 )
