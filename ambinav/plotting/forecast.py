@@ -13,7 +13,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.floor import FloorFigure, label_points, zone_patches
-from ambinav.plotting.maps import floor_title, paint_zones
+from ambinav.plotting.maps import ZONES_OF_ALL, floor_title, paint_zones
 from ambinav.plotting.routes import route_line
 from ambinav.plotting.style import GOAL, START, route_style
 
@@ -34,7 +34,7 @@ def plot_forecast(amap: AmbiguityMap, forecast: Forecast) -> Figure:
     """
     figure = new_figure(_WIDTH, 8.0)
     above, below = figure.subplots(2, 1, height_ratios=(3.0, 1.2))
-    floor = FloorFigure(amap, above, floor_title(amap, "Forecast", "mean"))
+    floor = FloorFigure(amap, above, floor_title(amap, "Forecast", "mean", ZONES_OF_ALL))
     left, low, right, high = floor.bounds
     tall = _WIDTH * min((high - low) / (right - left), 1.0)
     figure.set_size_inches(_WIDTH, tall + _CURVES + 1.2)

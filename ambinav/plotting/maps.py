@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -21,6 +22,9 @@ from ambinav.plotting.scales import layer_scale
 from ambinav.reports.number_text import metres2, percent
 from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
+
+ZONES_OF_ALL: Final = "over all headings"
+"""Said of zones that are those of a map's floor, in titles."""
 
 
 def plot_zones(
@@ -52,7 +56,7 @@ def plot_zones(
         InputError: no such heading.
     """
     parts = amap.judged if parts is None else parts
-    title = title or floor_title(amap, "Zones", heading, mean="over all headings")
+    title = title or floor_title(amap, "Zones", heading, ZONES_OF_ALL)
     floor = FloorFigure(amap, ax, title, longest=longest)
     paint_zones(floor, heading, parts)
     if strokes:

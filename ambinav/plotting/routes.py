@@ -18,7 +18,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
 from ambinav.plotting.floor import FloorFigure, Heading, label_points, zone_patches
-from ambinav.plotting.maps import floor_title, paint_zones
+from ambinav.plotting.maps import ZONES_OF_ALL, floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 from ambinav.routes.files import trace_route
@@ -72,7 +72,7 @@ def plot_routes(
     groups = _same_path(named)
     looks = route_styles({name: named[name] for name in map(_first, groups)}, kinds or {})
     lines = list(zip(looks.values(), _widths(len(groups)).tolist(), strict=True))
-    floor = FloorFigure(amap, ax, title or floor_title(amap, "Routes", heading))
+    floor = FloorFigure(amap, ax, title or floor_title(amap, "Routes", heading, ZONES_OF_ALL))
     paint_zones(floor, heading, amap.judged)
     uncertain = False
     gap = max(np.ptp(floor.bounds[::2]), np.ptp(floor.bounds[1::2])) / 40.0
