@@ -249,10 +249,15 @@ class RoutePlanner:
 
 
 def not_found_error(chosen: Planner, problem: Problem, budget: Budget) -> NotFoundError:
-    """Return the error of a planner that found no path, with a bound of what one would cost."""
+    """Return the error of a planner that found no path, with a bound of what one would cost.
+
+    Planners that look for something else than the least cost get none.
+    """
+    message = not_found(chosen, problem, budget)
+    if not chosen.minimises_cost:
+        return NotFoundError(message)
     bound = quick_lower_bound(problem)
-    message = f"{not_found(chosen, problem, budget)} No route costs less than {bound:.2f}."
-    return NotFoundError(message, bound)
+    return NotFoundError(f"{message} No route costs less than {bound:.2f}.", bound)
 
 
 def default_planner(

@@ -13,7 +13,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import LOCALIZABLE
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
-from ambinav_planners import RoutePlanner
+from ambinav_planners import NotFoundError, RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.limit import longest_bad
 from tests.maps import synthetic
@@ -66,8 +66,10 @@ def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
     np.testing.assert_array_equal(route.covariances[:, 0, 0], route.covariances[:, 1, 1])
     np.testing.assert_array_equal(route.covariances[:, 2], 0.0)
     timid = RoutePlanner(service, belief=replace(UNSURE, max_std=0.06), odometry=ODOMETRY)
-    with pytest.raises(InputError, match=re.escape("keeps the standard deviation up to 0.06 m")):
+    with pytest.raises(NotFoundError, match="keeps the standard deviation up to 0.06 m") as caught:
         timid.plan(START, GOAL, planner_name="belief")
+    # Its cost is another one than that of the bound.
+    assert caught.value.bound == 0.0 and "costs less" not in str(caught.value)
 
 
 def test_a_start_that_breaks_the_limit_is_refused_without_a_search(
