@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, colour_patch, label_points, rgba_bytes
+from ambinav.plotting.floor import FloorFigure, label_points, rgba_bytes
+from ambinav.plotting.legend_patches import colour_patch
 from ambinav.reports.number_text import metres2
 from ambinav.runtime.errors import InputError
 

@@ -20,14 +20,8 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import (
-    FloorFigure,
-    colour_patch,
-    label_points,
-    rgba_bytes,
-    view,
-    zoneless_patches,
-)
+from ambinav.plotting.floor import FloorFigure, label_points, rgba_bytes, view
+from ambinav.plotting.legend_patches import colour_patch, zoneless_patches
 from ambinav.plotting.maps import paint_zones
 from ambinav.reports.number_text import percent
 from ambinav.runtime.array_types import Bools, Bounds, Floats

@@ -19,7 +19,6 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.image import AxesImage
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
@@ -27,9 +26,9 @@ from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
-from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import fit, new_figure, root_figure
+from ambinav.plotting.legend_patches import colour_patch, unexplored_patch
 from ambinav.plotting.solid_cells import padded_solid
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.plotting.style import round_length
@@ -417,37 +416,3 @@ def label_points(
             },
             zorder=_LABELS,
         )
-
-
-def colour_patch(colour: str, label: str) -> Patch:
-    """Return a legend entry for a colour of the floor."""
-    return Patch(facecolor=colour, edgecolor=style.EDGE, linewidth=0.6, label=label)
-
-
-def zone_patches() -> list[Artist]:
-    """Return legend entries for the zones."""
-    return [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
-
-
-def zoneless_patches(
-    parts: Iterable[JudgedFloor], unreachable: str = "not reachable"
-) -> list[Artist]:
-    """Return legend entries for floor without a zone, if any of the floors has such."""
-    every = tuple(parts)
-    patches: list[Artist] = []
-    if any(part.unexplored.any() for part in every):
-        patches.append(unexplored_patch("unexplored"))
-    if any(part.unreachable.any() for part in every):
-        patches.append(colour_patch(style.UNREACHABLE, unreachable))
-    return patches
-
-
-def unexplored_patch(label: str) -> Patch:
-    """Return a legend entry for unexplored floor."""
-    return Patch(
-        facecolor=style.UNKNOWN,
-        edgecolor=style.UNEXPLORED,
-        hatch="/////",
-        linewidth=0.6,
-        label=label,
-    )

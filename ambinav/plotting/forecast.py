@@ -12,7 +12,8 @@ from ambinav.forecasting.forecast import Forecast
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import FloorFigure, label_points, zone_patches
+from ambinav.plotting.floor import FloorFigure, label_points
+from ambinav.plotting.legend_patches import zone_patches
 from ambinav.plotting.maps import ZONES_OF_ALL, floor_title, paint_zones
 from ambinav.plotting.routes import route_line
 from ambinav.plotting.style import GOAL, START, route_style

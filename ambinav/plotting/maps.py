@@ -16,7 +16,8 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting import style
-from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, colour_patch, rgba_bytes
+from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, rgba_bytes
+from ambinav.plotting.legend_patches import colour_patch
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
 from ambinav.reports.number_text import metres2, percent

@@ -19,8 +19,9 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure, zone_patches, zoneless_patches
+from ambinav.plotting.floor import FloorFigure
 from ambinav.plotting.labels import on_paper
+from ambinav.plotting.legend_patches import zone_patches, zoneless_patches
 from ambinav.plotting.maps import paint_zone_codes
 from ambinav.runtime.array_types import Bounds, Bytes, Floats, Ints
 

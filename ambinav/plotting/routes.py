@@ -17,7 +17,8 @@ from matplotlib.patheffects import Normal, Stroke
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, Heading, label_points, zone_patches
+from ambinav.plotting.floor import FloorFigure, Heading, label_points
+from ambinav.plotting.legend_patches import zone_patches
 from ambinav.plotting.maps import ZONES_OF_ALL, floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note

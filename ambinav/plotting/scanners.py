@@ -19,7 +19,8 @@ from ambinav.maps.judged_floor import TOO_CLOSE, JudgedFloor
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import foot, new_figure
-from ambinav.plotting.floor import FloorFigure, colour_patch, view, zone_patches, zoneless_patches
+from ambinav.plotting.floor import FloorFigure, view
+from ambinav.plotting.legend_patches import colour_patch, zone_patches, zoneless_patches
 from ambinav.plotting.maps import paint_zone_codes
 from ambinav.plotting.rows import RowChart
 from ambinav.runtime.array_types import Bytes

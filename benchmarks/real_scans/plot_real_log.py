@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.tensor import classify
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.floor import colour_patch, view
+from ambinav.plotting.floor import view
+from ambinav.plotting.legend_patches import colour_patch
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.style import ZONE_COLOURS
 from real_scans.real_log import RealLog

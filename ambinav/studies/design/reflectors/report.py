@@ -9,7 +9,8 @@ from typing import Final
 from matplotlib.axes import Axes
 
 from ambinav.plotting import style
-from ambinav.plotting.floor import FloorFigure, colour_patch
+from ambinav.plotting.floor import FloorFigure
+from ambinav.plotting.legend_patches import colour_patch
 from ambinav.plotting.maps import paint_codes
 from ambinav.plotting.placement import PlacementView, plot_state
 from ambinav.reports.parameters import map_parameters
