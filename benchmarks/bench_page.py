@@ -23,7 +23,7 @@ from service import make_map, serving, wait_until_ready
 
 import ambinav as an
 
-BUILDINGS = ("belgioioso", "nav2_depot", "stata_hallways_5cm")
+BUILDINGS = ("belgioioso", "nav2_depot", "stata_hallways_5cm", "willow_full_005")
 SPACING = 0.2
 SHIFT = 1.0
 """Metres by which a post is dragged."""

@@ -45,8 +45,14 @@ def requests(amap: an.AmbiguityMap) -> dict[str, Request]:
     step = {"x0": [x], "y0": [y], "x1": [x + 0.3], "y1": [y], "theta0": [0.0], "theta1": [0.5]}
     curve = {"steering": "reeds-shepp", "turning_radius": 0.3}
     return {
+        "health": ("/v1/health", None),
+        "startup": ("/v1/startup", None),
+        "ready": ("/v1/ready", None),
+        "metrics": ("/v1/metrics", None),
+        "scanners": ("/v1/scanners", None),
         "maps": ("/v1/maps", None),
         "map": (MAP, None),
+        "map.npz": (f"{MAP}/map.npz", None),
         "cost": (f"{MAP}/cost?x={x}&y={y}", None),
         "costs": (f"{MAP}/cost", pose),
         "levels": (f"{MAP}/level", pose),
@@ -56,8 +62,12 @@ def requests(amap: an.AmbiguityMap) -> dict[str, Request]:
         "scan": (f"{MAP}/scan?x={x}&y={y}", None),
         "worst places": (f"{MAP}/worst", None),
         "tile": (f"{MAP}/layers/level/tiles/0/0/0.png", None),
+        "layer": (f"{MAP}/layers/level", None),
         "directions": (f"{MAP}/direction", None),
-        "metrics": ("/v1/metrics", None),
+        "zones": (f"{MAP}/zones.geojson", None),
+        "walls": (f"{MAP}/walls.geojson", None),
+        "building": (f"{MAP}/building.geojson", None),
+        "obstacles": (f"{MAP}/obstacles.geojson", None),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -66,6 +67,12 @@ def read(path: str | Path, **options: Any) -> Environment:
         InputError: no reader has the suffix, it has no such option, or it cannot use the file.
     """
     check_kind(path, (str, os.PathLike), "path", "give the path of a building's file")
+    # A `Path` of a URL has lost a slash.
+    if re.match(r"\w{2,}:/", str(path)):
+        raise InputError(
+            f"{path}: buildings are read from files of this machine; copy it here first, an "
+            "occupancy map with its image. (Of a fleet, `ambinav fleet audit` reads URLs.)"
+        )
     path = Path(path)
     refuse_image(path)
     if path.is_dir():

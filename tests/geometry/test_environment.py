@@ -107,6 +107,8 @@ def test_what_is_wrong_is_said_with_the_file() -> None:
 def test_unknown_suffix_and_options_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.stl names no known format"):
         load_environment(tmp_path / "house.stl")
+    with pytest.raises(InputError, match="buildings are read from files of this machine"):
+        load_environment("s3://maps/house.yaml")
     with pytest.raises(InputError, match="tolerance means nothing for a drawn plan"):
         load_environment(DEMO, tolerance=0.1)
 

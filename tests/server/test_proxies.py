@@ -14,10 +14,12 @@ from typing import Any
 import httpx
 import pytest
 
+import ambinav as an
 from ambinav.server.access import Access
 from ambinav.server.http.app import create_app
 from tests.server.live import Live, running, wait_until
-from tests.server.test_page import visit
+from tests.server.test_page import at, visit
+from tests.server.test_page_edits import drag, shown, tool
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "hosting.md"
 PREFIX = "/floor"
@@ -67,7 +69,9 @@ def proxied(
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     url = f"http://127.0.0.1:{port}{PREFIX}"
-    app = create_app([plan_map], access=Access("write", public_url=url))
+    first = an.AmbiguityMap.open(plan_map)
+    second = an.AmbiguityMap(first.dataset.assign_attrs(environment="other"))
+    app = create_app([plan_map, second], access=Access("write", public_url=url))
     with (
         running(app, proxies=["127.0.0.1"]) as live,
         process(PROXIES[request.param](tmp_path, port, live.address[1]), url),
@@ -130,21 +134,42 @@ def test_the_service_works_behind_a_proxy(proxied: tuple[str, Live]) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_works_behind_a_proxy(chromium: Any, proxied: tuple[str, Live]) -> None:
+def test_all_of_the_page_works_behind_a_proxy(chromium: Any, proxied: tuple[str, Live]) -> None:
     url, _ = proxied
-    page = visit(chromium, f"{url}/#token=write")
+    page = visit(chromium, f"{url}/?map=map#token=write")
     try:
+        page.get_by_label("Compare with").select_option(label="other")
+        page.wait_for_selector(".leaflet-other-pane .leaflet-tile-loaded")
+        page.get_by_label("Compare with").select_option(label="compare with …")
+        place = at(page, 1.0, 1.0)
+        with page.expect_response(lambda answer: "/values?" in answer.url) as answered:
+            page.mouse.move(place[0] + 2, place[1])
+        assert answered.value.status == 200
+
+        # An edit, by session and events.
         page.get_by_role("tab", name="Edit").click()
-        page.wait_for_selector("#panel-edit:not([aria-busy])")
-        origin = url.removesuffix(PREFIX)
-        assert all(address.startswith((url, "blob:", "data:")) for address in page.urls), origin
-        # What changes something carries the page's origin.
-        status = page.evaluate(
-            "async () => (await fetch('v1/maps/map/plan', {method: 'POST', headers: {"
-            "'Content-Type': 'application/json', Authorization: 'Bearer write'},"
-            "body: JSON.stringify({start: [1, 1], goal: [2, 1]})})).status"
-        )
-        assert status == 200
+        ends = at(page, 5.0, 2.2), at(page, 5.0, 1.2)
+        tool(page, "Wall")
+        drag(page, *ends)
+        edited = shown(page, 1)
+        assert edited["before"] != edited["after"]
+        page.wait_for_function("() => /session=page-.*/.test(location.search)")
+        page.reload()
+        page.get_by_role("tab", name="Edit").click()
+        assert shown(page, 1) == edited
+        page.get_by_role("button", name="Undo").click()
+        shown(page, 0)
+
+        page.get_by_role("tab", name="Routes").click()
+        start, goal = at(page, 1.5, 1.5), at(page, 10.0, 1.75)
+        page.mouse.click(*start)
+        page.mouse.click(*goal)
+        page.locator(".route-card").nth(1).wait_for()
+        page.get_by_role("button", name="Trade-off curve").click()
+        page.locator(".chart .dot").first.wait_for()
+        page.get_by_role("tab", name="Places").click()
+        page.locator(".place-entry").first.click()
+        assert all(address.startswith((url, "blob:", "data:")) for address in page.urls)
         assert page.faults == []
     finally:
         page.context.close()
