@@ -1,19 +1,25 @@
-"""Time of forecasts on maps that are open already: of routes, of layers, and of an audit.
+"""Time of forecasts on maps that are open already: of routes, layers, an audit and ensembles.
 
 Of layers and of the routes of an audit it is processor time, of the demo for a TurtleBot3's laser.
+Ensembles drive the longest of the sampled routes; their time is stated for 50 m of it.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from harness import environment_of, interleave, option, parser_of, report, spread, table
 from lasers import laser
+from localizers import ROBOT
 
+from ambinav.drive.odometries import odometry_of
+from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.localizer_class import LocalizerClass, localizer_classes
 from ambinav.geometry.collision.reach import find_reach, reach_of
 from ambinav.layers.build import with_layers
 from ambinav.map_building.build import build_map
@@ -22,6 +28,8 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.lost_routes import find_lost_routes
 
 LENGTH = 50.0
+RUNS = (32, 200)
+"""Robots of an ensemble."""
 
 
 def main() -> None:
@@ -38,7 +46,8 @@ def main() -> None:
         "ms for one route, causes included", "ms to prepare the map's information",
     ]  # fmt: skip
     rows = [timed_rows(name, args.routes, args.repeats) for name in args.environments]
-    body = f"{table(header, rows)}\n\n{layers_and_audit(args.repeats)}"
+    parts = table(header, rows), layers_and_audit(args.repeats), ensembles(args.repeats)
+    body = "\n\n".join(parts)
     report("Forecasts", ("numpy", "numba"), body, args.out)
 
 
@@ -90,6 +99,33 @@ def layers_and_audit(repeats: int) -> str:
             seconds.append(time.process_time() - begin)
         rows.append([name, spread(seconds, 1)])
     return table(["demo, 0.1 m", "s of processor time"], rows)
+
+
+def ensembles(repeats: int) -> str:
+    """Return the table of ensembles, of the localizers that drive in kernels."""
+    environment, noise, rng = environment_of("demo"), odometry_of("poor"), np.random.default_rng(7)
+    drawn = sample_routes(environment, reach_of(environment, ROBOT.radius), 50, rng)
+    lengths = [np.hypot(*np.diff(each.poses[:, :2], axis=0).T).sum() for each in drawn]
+    route, length = drawn[int(np.argmax(lengths))], max(lengths)
+    rows = []
+    localizers: dict[str, Any] = {
+        name: LocalizerClass.load(name).chosen(laser(), noise) for name in localizer_classes()
+    }
+    for name, localizer in {**localizers, "ekf": "ekf"}.items():
+        runner = EnsembleRunner(environment, laser(), localizer, robot=ROBOT, noise=noise)
+        tasks: dict[str, Callable[[], object]] = {
+            str(runs): lambda runs=runs, runner=runner: runner.drive(
+                route, np.random.default_rng(1), runs
+            )
+            for runs in RUNS
+        }
+        timing = interleave(tasks, repeats)
+        scaled = LENGTH / length
+        rows.append(
+            [name, *(spread([scaled * s for s in timing[run].seconds], 3) for run in tasks)]
+        )
+    header = [f"demo, {length:.0f} m", *(f"{n} runs, s for {LENGTH:g} m" for n in RUNS)]
+    return table(header, rows)
 
 
 if __name__ == "__main__":
