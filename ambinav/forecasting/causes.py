@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ambinav.runtime.array_types import Floats
+from ambinav.runtime.array_types import Bools, Floats
 
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import LostRule
 
 
-OPEN, SLIDING, TURNING = "open floor", "sliding", "heading"
+OPEN, SLIDING, TURNING, DRIFT = "open floor", "sliding", "heading", "drift"
 _HOW: Final = {
     OPEN: "where nothing in range tells the position",
     SLIDING: "where nothing tells the position along one direction",
     TURNING: "by its heading",
+    DRIFT: "though scans tell the position there: the localizer corrects it too slowly",
 }
 FEW: Final = 0.1
 """A place belongs to a stretch if at least this share of the largest loss per place is there."""
@@ -42,7 +43,8 @@ class Cause:
         end: Metres along the route.
         x: Where most get lost, metres, map frame.
         y: The same.
-        kind: `OPEN`, `SLIDING` or `TURNING`: the error that grows there.
+        kind: `OPEN`, `SLIDING` or `TURNING`: the error that grows there; `DRIFT` of the position on
+            localizable floor.
         direction: Direction along which the error is largest, radians, [0, pi).
     """
 
@@ -79,7 +81,12 @@ class Cause:
 
 
 def causes_of(
-    poses: Floats, along: Floats, lost: Floats, covariance: Floats, rule: LostRule
+    poses: Floats,
+    along: Floats,
+    lost: Floats,
+    covariance: Floats,
+    rule: LostRule,
+    localizable: Bools,
 ) -> tuple[Cause, ...]:
     """Return the stretches on which robots get lost, the worst first.
 
@@ -89,6 +96,7 @@ def causes_of(
         lost: Share lost up to each pose, shape (n,).
         covariance: Of the robots that are not lost, shape (n, 3, 3).
         rule: When a robot is lost.
+        localizable: Whether scans tell the position there, shape (n,).
     """
     losses = np.diff(lost, prepend=lost[:1])
     if not losses.max(initial=0.0) > 0.0:
@@ -102,6 +110,8 @@ def causes_of(
             continue
         worst = first + int(losses[first:end].argmax())
         kind, direction = _kind(covariance[worst], float(poses[worst, 2]), rule)
+        if localizable[worst] and kind != TURNING:
+            kind = DRIFT
         x, y = poses[worst, :2].tolist()
         start = float(along[max(first - 1, 0)])
         causes.append(Cause(share, start, float(along[end - 1]), x, y, kind, direction))

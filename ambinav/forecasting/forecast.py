@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.config import as_positive, check_kind
-from ambinav.config.numbers import shown
 from ambinav.drive.drive import checked_start_std
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
@@ -28,6 +27,7 @@ from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import LOCALIZABLE
 from ambinav.routes.route import Route
 from ambinav.runtime.array_types import Bools, Floats, Ints
 from ambinav.runtime.errors import InputError, InputWarning
@@ -184,12 +184,18 @@ class Forecaster:
             else as_positive(lateral_limit, "lateral_limit", "metres"),
         )
         deviations = checked_start_std(start_std)
-        if max(deviations[:2]) > position_limit or deviations[2] > heading_limit:
-            raise InputError(
-                f"start_std is {shown(start_std)}, beyond the limits of {position_limit:g} m and "
-                f"{heading_limit:.3g} rad from which a robot is lost; a forecast is of robots that "
-                "know where they start: give less, or drive them."
-            )
+        for limit, name, deviation, shown_as in (
+            (position_limit, "position_limit", max(deviations[:2]), "{:.3g} m"),
+            (lateral_limit, "lateral_limit", max(deviations[:2]), "{:.3g} m"),
+            (heading_limit, "heading_limit", deviations[2], "{0:.3g} rad ({1:.3g} degrees)"),
+        ):
+            if limit is not None and deviation > limit:
+                below, at_start = (shown_as.format(a, math.degrees(a)) for a in (limit, deviation))
+                raise InputError(
+                    f"{name} is {below}, below the deviation of {at_start} at the start; a "
+                    "forecast is of robots that know where they start: give a higher limit, or in "
+                    "Python a smaller start_std."
+                )
         self.start = np.diag(np.square(deviations))
 
     def __call__(self, route: Route) -> Forecast:
@@ -202,7 +208,8 @@ class Forecaster:
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         self._note_walls(poses)
         lost = self.localizer.calibrated(lost)
-        causes = causes_of(poses, along, lost, covariance, self.lost_rule)
+        localizable = self.map.sample("zone", poses[:, 0], poses[:, 1], poses[:, 2]) == LOCALIZABLE
+        causes = causes_of(poses, along, lost, covariance, self.lost_rule, localizable)
         return Forecast(
             poses, along, covariance, lost, causes, self.localizer, self.odometry,
             self.reliability(float(lost[-1])),

@@ -16,7 +16,7 @@ from ambinav.drive.localizer_spec import chosen_localizer, suited
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import ODOMETRIES
 from ambinav.drive.robot import Robot
-from ambinav.forecasting.causes import OPEN
+from ambinav.forecasting.causes import DRIFT, OPEN, SLIDING
 from ambinav.forecasting.ensemble import LostRule
 from ambinav.forecasting.forecast import Forecaster, forecast, in_words, sampled
 from ambinav.forecasting.localizer_class import LocalizerClass, class_of, localizer_classes
@@ -43,6 +43,17 @@ def test_hall_loses_robots_and_rooms_do_not(demo_map: AmbiguityMap) -> None:
     assert 17.0 < worst.y < 24.0
     assert "nothing in range" in hall.sentence
     assert rooms.sentence == "fewer than 1 in 1000 robots get lost on this route."
+
+
+def test_localizable_floor_is_not_called_open(demo_map: AmbiguityMap) -> None:
+    strict = forecast(demo_map, ROOMS, odometry="poor", lateral_limit=0.1)
+    causes = (*strict.causes, *forecast(demo_map, HALL, odometry="poor", localizer="amcl").causes)
+    zones = [demo_map.sample("zone", cause.x, cause.y) for cause in causes]
+    kinds = [(cause.kind, zone == 0) for cause, zone in zip(causes, zones, strict=True)]
+    assert (DRIFT, True) in kinds
+    assert (OPEN, False) in kinds
+    assert set(kinds) <= {(DRIFT, True), (OPEN, False), (SLIDING, False)}
+    assert "though scans tell the position" in strict.sentence
 
 
 def test_curve_never_falls_and_ends_at_the_probability(demo_map: AmbiguityMap) -> None:
@@ -341,8 +352,12 @@ def test_what_a_forecast_cannot_know_is_said(demo_map: AmbiguityMap) -> None:
     loop = an.Steering("dubins", 1e7)
     with pytest.raises(InputError, match=r"step is 0\.\d+ m on a route of 7\.\d+e\+07 m"):
         forecaster(Route.through([[14.5, 20.0, 0.0], [14.5, 19.0, 3.0]], loop))
-    for start in ((5.0, 0.1, 0.02), (0.1, 0.1, 1.0)):
-        with pytest.raises(InputError, match=r"beyond the limits of 0\.5 m and 0\.524 rad"):
-            Forecaster(demo_map, start_std=start)
+    for changed, limit in (
+        ({"start_std": (5.0, 0.1, 0.02)}, "position_limit is 0.5 m, below the deviation of 5 m"),
+        ({"start_std": (0.1, 0.1, 1.0)}, r"heading_limit is 0.524 rad \(30 degrees\), below"),
+        ({"lateral_limit": 0.03}, "lateral_limit is 0.03 m, below the deviation of 0.05 m"),
+    ):
+        with pytest.raises(InputError, match=limit):
+            Forecaster(demo_map, **changed)
     still = Route.through([[14.5, 20.0], [14.5, 20.0]])
     assert forecaster(still).lost_probability < 0.01

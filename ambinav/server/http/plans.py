@@ -91,7 +91,7 @@ class LossStretch(BaseModel):
     end_m: float = Field(description="Metres along the route")
     x_m: float = Field(description="Where most get lost")
     y_m: float = Field(description="Where most get lost")
-    kind: str = Field(description="open floor, sliding or heading: the error that grows there")
+    kind: str = Field(description="Error that grows there: open floor, sliding, heading or drift")
     direction_rad: float = Field(description="Direction of the largest error, from 0 to pi")
 
 

@@ -146,7 +146,7 @@ class LostRoutePart(Part):
     text: str = Field(description="probability and main cause in words")
     x_m: Metres | None = Field(description="where most get lost; null: spread over the route")
     y_m: Metres | None
-    kind: str | None = Field(description="open floor, sliding or heading: the error that grows")
+    kind: str | None = Field(description="error that grows: open floor, sliding, heading or drift")
 
     @property
     def measured_text(self) -> str:
