@@ -212,6 +212,16 @@ def ensemble(
     return runner.drive(route, rng, runs, lost=lost, until=until, width=width, level=level)
 
 
+def least_shown(runs: int, level: float = LEVEL) -> float:
+    """Return the upper end of the share of lost robots where none of so many runs gets lost."""
+    return share(np.zeros(runs, dtype=bool), _half(level)).high
+
+
+def _half(level: float) -> float:
+    """Return the level at which half of the error probability is left."""
+    return 0.5 * (1.0 + level)
+
+
 class EnsembleRunner:
     """Prepared ensembles of one localizer in one building; see `ensemble` for the arguments.
 
@@ -292,8 +302,8 @@ class EnsembleRunner:
         rule = StoppingRule(threshold=until, width=width)
         sequential = until is not None or width is not None
         confidence_sequence(0, 0, level)
-        # Half of the error probability is for the looks before the last run, half for the last.
-        half = 0.5 * (1.0 + level)
+        # Half of it is for the looks before the last run, half for the last.
+        half = _half(level)
         checked_start(route, self._checker)
         path = scheduled(
             route.poses, route.steering, self._robot, self._follower.desired_linear_vel,

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.config import as_number
-from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner
+from ambinav.config import as_count, as_number
+from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner, least_shown
 from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
@@ -122,10 +122,13 @@ def route_within(
 
     Raises:
         PromiseError: no candidate keeps the promise.
-        InputError: `max_lost` is no share, or what `pareto` or `EnsembleRunner.drive` refuses.
+        InputError: `max_lost` is no share, or one that `runs` drives cannot confirm, or what
+            `pareto` or `EnsembleRunner.drive` refuses.
     """
     if not 0.0 < as_number(max_lost, "max_lost") < 1.0:
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
+    if runner is not None:
+        _check_runs(runs, max_lost)
     rng = np.random.default_rng(seed) if rng is None else rng
     trials = _Trials(forecaster, max_lost, runner, rng, runs)
     chosen = planner_name_or_default(
@@ -157,6 +160,18 @@ def route_within(
     if best is None:
         best = Promise(likeliest, forecaster(likeliest), None)
     raise _none_keeps(max_lost, len(candidates), best)
+
+
+def _check_runs(runs: int, max_lost: float) -> None:
+    """Refuse a share that so many drives do not confirm, even where no robot gets lost."""
+    least = least_shown(as_count(runs, "runs"))
+    if max_lost <= least:
+        # Of no losses in n runs Wilson's interval ends at z^2 / (n + z^2).
+        enough = math.floor(least * runs / (1.0 - least) * (1.0 / max_lost - 1.0)) + 1
+        raise InputError(
+            f"max_lost is {max_lost:g}, but {runs} drives confirm no share below {least:.2g}, even "
+            f"where no robot gets lost; allow more, or {enough:,} drives."
+        )
 
 
 class _Trials:

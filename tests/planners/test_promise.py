@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecasting.ensemble import least_shown
 from ambinav.forecasting.forecast import Forecaster
+from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.planning import RoutePlanner
@@ -64,13 +66,16 @@ def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:
     assert e.value.best.route.weight == 2.0
 
 
+def rash_forecaster(robot: RoutePlanner) -> Forecaster:
+    """A forecaster that promises too much."""
+    honest = LocalizerClass.load("product")
+    return Forecaster(robot.service.map, "poor", replace(honest, offset=honest.offset - 8.0))
+
+
 @pytest.mark.slow
 def test_drives_have_the_last_word(robot: RoutePlanner) -> None:
     """A class that promises too much is not believed."""
-    honest = Forecaster(robot.service.map, "poor")
-    rash = Forecaster(
-        robot.service.map, "poor", replace(honest.localizer, offset=honest.localizer.offset - 8.0)
-    )
+    rash = rash_forecaster(robot)
     weights = (0.0, 8.0)
     believed = route_within(robot, *ACROSS, rash, 0.05, weights=weights)
     driven = route_within(
@@ -104,15 +109,22 @@ def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
     assert promise.route.longest_bad <= 8.0 + 1e-6
 
 
+def test_refuses_what_so_few_drives_cannot_confirm(robot: RoutePlanner) -> None:
+    forecaster = Forecaster(robot.service.map, "good")
+    with pytest.raises(InputError, match=r"16 drives confirm no share below 0\.24, .* 96 drives"):
+        route_within(robot, *ACROSS, forecaster, 0.05, runner=forecaster.runner(), seed=1, runs=16)
+    assert least_shown(95) > 0.05 > least_shown(96)
+
+
 @pytest.mark.slow
 def test_undecided_drives_keep_no_promise(robot: RoutePlanner) -> None:
-    forecaster = Forecaster(robot.service.map, "good")
+    forecaster = rash_forecaster(robot)
     with pytest.raises(
-        PromiseError, match=r"is shown to keep .* 0\.0 to \d+\.\d\) of 16 driven"
+        PromiseError, match=r"is shown to keep .* \d+\.\d to \d+\.\d\) of 32 driven"
     ) as error:
         route_within(
-            robot, *ACROSS, forecaster, 0.05,
-            runner=forecaster.runner(), seed=1, runs=16, weights=(0.0, 8.0),
+            robot, *ACROSS, forecaster, 0.9,
+            runner=forecaster.runner(), seed=1, runs=32, weights=(0.0, 1e-6),
         )  # fmt: skip
     assert error.value.best.driven is not None
     assert error.value.best.driven.side is None
