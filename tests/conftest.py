@@ -124,7 +124,7 @@ def dask_forks() -> Iterator[None]:
     """Let the workers of a cluster be copies of a process too."""
     dask = pytest.importorskip("dask")
     pytest.importorskip("distributed")  # first, as it sets defaults
-    forkserver.ensure_running()  # before it is told to load other modules
+    forkserver.ensure_running()  # before Dask sets modules of its own to preload
 
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         yield

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -112,8 +111,11 @@ class TripOptions(LocalizerOptions):
 
     def forecaster(
         self, trips: tuple[Trip, ...], environment: Environment, reach: Reach
-    ) -> Callable[[AmbiguityMap], LostRoutes]:
+    ) -> Callable[[AmbiguityMap], LostRoutes | None]:
         """Find the routes of the trips; return what forecasts them, or sampled ones, on a map.
+
+        It raises an `InputError` where trips have no forecast, and gives None, with a note, where
+        sampled routes have none.
 
         Raises:
             InputError: a place is inside a wall or outside of the building, or no route leads to
@@ -123,10 +125,19 @@ class TripOptions(LocalizerOptions):
         from ambinav.studies.audit.lost_routes import find_lost_routes
 
         routes = trip_routes(environment, reach, trips, str(self.trips)) if trips else ()
-        return partial(
-            find_lost_routes, environment=environment, reach=reach, trips=trips, routes=routes,
-            **self.names,
-        )  # fmt: skip
+
+        def find(amap: AmbiguityMap) -> LostRoutes | None:
+            try:
+                return find_lost_routes(
+                    amap, environment, reach, trips=trips, routes=routes, **self.names
+                )
+            except InputError as error:
+                if trips:
+                    raise InputError(f"{self.trips}: {error}") from error
+                note(f"the audit has no forecasts of routes: {error}")
+                return None
+
+        return find
 
 
 @options.documented
@@ -188,8 +199,8 @@ def audit(
             built = map_options.build(environment, chosen, stage("ambiguity"))
             amap = beacons.add(built, environment).for_robot(reach)
             report = _examine(
-                amap, environment, chosen, reach, find_lost, report_options, output, conditions,
-                stage, draw,
+                amap, environment, chosen, reach, find_lost, bool(trips), report_options, output,
+                conditions, stage, draw,
             )  # fmt: skip
         finish(report, _show, STUDY.page(output), as_json=as_json, quiet=quiet)
         if report_options.keep is not None and not (as_json or quiet):
@@ -202,7 +213,8 @@ def _examine(
     environment: Environment,
     scanner: RangeScanner,
     reach: Reach,
-    find_lost: Callable[[AmbiguityMap], LostRoutes],
+    find_lost: Callable[[AmbiguityMap], LostRoutes | None],
+    has_trips: bool,
     report_options: ReportOptions,
     output: Path,
     conditions: tuple[Condition, ...],
@@ -228,10 +240,7 @@ def _examine(
     forecasting, advising = stage("routes"), stage("advice")
 
     def forecast(result: Audit) -> Audit:
-        try:
-            result = replace(result, lost=find_lost(result.amap))
-        except InputError as error:
-            note(f"the audit has no forecasts of routes: {error}")
+        result = replace(result, lost=find_lost(result.amap))
         forecasting(1.0)
         return result
 
@@ -241,12 +250,13 @@ def _examine(
             advising(share)
 
         # Meanwhile the pictures are drawn, which need neither forecasts nor advice.
-        result = forecast(result)
+        if not has_trips:
+            result = forecast(result)
         go_on()
         gate = GateCheck(conditions, result) if conditions else None
         return advise(result, posts=report_options.posts, gate=gate, progress=report)
 
-    if report_options.no_advice:
+    if report_options.no_advice or has_trips:  # trips may have no forecast: before all is written
         result = forecast(result)
     report = write_audit(
         result, output, stage("pictures"), report_options.pictures,

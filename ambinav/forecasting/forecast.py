@@ -323,7 +323,8 @@ class Forecaster:
             raise InputError(
                 f"route: ({x:.1f}, {y:.1f}) m and {counts[route] - 1} more of "
                 f"{first[route + 1] - first[route]} places are not on free floor of "
-                f"{self.map.source}; give the map that it was planned on."
+                f"{self.map.source}; give the map that it was planned on, or one of a smaller "
+                "spacing."
             )
 
     def _run(self, poses: Floats, first: Ints) -> tuple[Floats, Floats]:

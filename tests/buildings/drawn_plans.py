@@ -195,6 +195,17 @@ def hall(gate: float, columns: bool = False) -> DrawnPlan:
     )
 
 
+def hall_and_rooms(gate: float) -> DrawnPlan:
+    """A hall of 312 m² with a gate to outdoors, and two rooms of 155 m² beside it."""
+    x, width, y = 19.93, 10.2, 16.16
+    return DrawnPlan(
+        f"hall and rooms, gate of {gate:g} m",
+        [*rectangle(0, 0, x + width, y), (x, 0, x, y), (x, y / 2, x + width, y / 2)],
+        [(9, 0, 9 + gate, 0), (x, 3, x, 3.9), (x + 5, y / 2, x + 5.9, y / 2)],
+        shapely.box(0, 0, x + width, y),
+    )
+
+
 def two_buildings(apart: float, doors: str = "away") -> DrawnPlan:
     """Two buildings of two rooms each, with open entrances of 2 m on their far sides.
 

@@ -21,6 +21,7 @@ from tests.buildings.drawn_plans import (
     DrawnPlan,
     courtyard,
     hall,
+    hall_and_rooms,
     niche,
     office,
     plans,
@@ -89,6 +90,17 @@ def test_an_opening_to_outdoors_is_a_frontier_and_said(tmp_path: Path) -> None:
     lengths = env.segments.lengths[env.segments.kind == FRONTIER]
     assert sorted(lengths.tolist()) == pytest.approx([0.9, 6.0], abs=1e-3)
     assert [note for note in env.notes if "wider than a door, in metres: 6." in note]
+
+
+@pytest.mark.parametrize("style", ["outlines", "lines"])
+def test_a_hall_behind_a_wide_gate_is_floor(style: str, tmp_path: Path) -> None:
+    plan = replace(hall_and_rooms(2.0), style=style)
+    env, _ = read(plan, tmp_path)
+    assert error(plan, env) < 1e-3
+    assert env.free.area == pytest.approx(467.0, abs=0.5)
+    in_hall = env.free.intersection(shapely.box(-1.0, -1.0, 19.93, 17.0))
+    assert in_hall.area == pytest.approx(312.0, abs=0.5)
+    assert [note for note in env.notes if "wider than a door, in metres: 2." in note]
 
 
 def test_what_counts_as_outdoors_is_said(tmp_path: Path) -> None:

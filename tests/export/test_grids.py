@@ -112,7 +112,7 @@ def test_geotiff_keys_say_a_local_frame_of_metres(write: Write) -> None:
     path = write("geotiff", "one.tif", layer="level")[0]
     with tifffile.TiffFile(path) as file:
         geokeys = file.geotiff_metadata
-        assert file.pages[0].shape == (41, 91)
+        assert file.pages[0].shape == (2, 41, 91)  # and the judged floor
     assert int(geokeys["GTModelTypeGeoKey"]) == 32767
     assert int(geokeys["ProjLinearUnitsGeoKey"]) == 9001
     assert "ambinav map frame" in geokeys["GTCitationGeoKey"]

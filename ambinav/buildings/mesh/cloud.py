@@ -213,7 +213,7 @@ class _VoxelCounter:
             check_size(self.path, "point cloud", size * self.edge)
             raise InputError(
                 f"{self.path}: the point cloud is {max(size) * self.edge:.4g} m high, more than a "
-                f"building is; say with unit whether its numbers are {', '.join(UNITS)}."
+                f"building is; say with --unit whether its numbers are {', '.join(UNITS)}."
             )
         if max(*abs(self.low), *abs(self.high)) >= _FARTHEST:
             raise InputError(

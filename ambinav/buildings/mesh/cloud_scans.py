@@ -94,7 +94,7 @@ def _check_reference(path: Path, header: Any, unit: str | None) -> None:
             "metres first, e.g. to the UTM zone of the place."
         )
     if other and unit is None:
-        raise InputError(f"{path}: {other}; say with unit what its numbers are, e.g. ft or m.")
+        raise InputError(f"{path}: {other}; say with --unit what its numbers are, e.g. ft or m.")
 
 
 def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:

@@ -66,7 +66,7 @@ def check_size(path: Path, what: str, size: Floats) -> None:
         InputError: no building is so large or so small.
     """
     text = " x ".join(f"{length:.4g}" for length in size)
-    ask = f"say with unit whether its numbers are {', '.join(UNITS)}."
+    ask = f"say with --unit whether its numbers are {', '.join(UNITS)}."
     if max(size[:2]) < SMALLEST:
         raise InputError(f"{path}: the {what} is {text} m in all, and no robot drives in it; {ask}")
     if max(size[:2]) > LARGEST or size[2] > HIGHEST:
@@ -103,7 +103,7 @@ def check_storey(path: Path, mesh: Mesh) -> list[str]:
     ]
     if fits:
         text += f", {' and '.join(fits)}"
-    ask = f"say with unit whether its numbers are {', '.join(UNITS)}"
+    ask = f"say with --unit whether its numbers are {', '.join(UNITS)}"
     if height > TALLEST:
         raise InputError(f"{text}; {ask}.")
     note = f"{text}; {ask}: m is right for a hall."

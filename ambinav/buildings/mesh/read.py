@@ -116,8 +116,10 @@ def _load(path: Path) -> tuple[Floats, Ints]:
         raise
     except Exception as error:  # readers raise many kinds of errors for damaged files
         # Its reader takes faces of different sizes in a binary PLY for a file that is cut off.
-        how = " with triangles only" if path.suffix.lower() == ".ply" else ""
+        again = "export it again"
+        if path.suffix.lower() == ".ply":
+            again = "copy it again if it is cut off, else export it again with triangles only"
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
-            f"{error}); export it again{how}."
+            f"{error}); {again}."
         ) from error

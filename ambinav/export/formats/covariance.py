@@ -29,6 +29,8 @@ UNITS: Final = ("m2", "m2", "m rad", "m2", "m rad", "rad2")
 ROS_INDEX: Final = ((0,), (1, 6), (5, 30), (7,), (11, 31), (35,))
 """Index of each band in the 36 numbers of a geometry_msgs/PoseWithCovariance."""
 FORMAT: Final = "ambinav-covariance/1"
+FLOOR: Final = "judged, or explored but too close to walls, where an estimate can lie; else nan"
+"""Floor that has values, for readers."""
 BLOCK: Final = 1_000_000
 
 Grid = NDArray[np.float32]
@@ -43,16 +45,17 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
             the position is known least (the largest xx + yy).
 
     Returns:
-        Square metres and radians in the map frame, row 0 at the smallest y; nan off the free floor,
-        and where the map says nothing (`AmbiguityMap.unmapped`).
+        Square metres and radians in the map frame, row 0 at the smallest y; nan off `FLOOR`.
     """
-    free = np.asarray(amap.dataset["free"].values, dtype=np.bool_) & ~amap.unmapped
-    rows, columns = np.nonzero(free)
+    # The estimate of a robot beside a wall can be too close to it, but none is outside, or in a
+    # room that it cannot reach.
+    floor = (amap.judged.counted | amap.judged.beside_walls) & ~amap.unexplored
+    rows, columns = np.nonzero(floor)
     x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
     headings = [0.0 if heading is None else heading]
     if heading is None and amap.has_theta:
         headings = amap.dataset["theta"].values.tolist()
-    bands = np.full((len(BANDS), *free.shape), np.nan, dtype=np.float32)
+    bands = np.full((len(BANDS), *floor.shape), np.nan, dtype=np.float32)
     upper = np.triu_indices(3)
     for first in range(0, len(x), BLOCK):
         part = slice(first, first + BLOCK)
@@ -85,6 +88,8 @@ def _about(export: MapExport) -> dict[str, Any]:
         "scanner": str(attrs["scanner"]),
         "parameters": export.amap.parameters,
         "heading_deg": matters if heading is None else heading,
+        "floor": FLOOR,
+        "robot_radius": export.amap.judged.radius,
         "units": dict(zip(BANDS, UNITS, strict=True)),
     }
 
@@ -107,7 +112,7 @@ def write_raw(export: MapExport, path: Path) -> tuple[Path, ...]:
     data.write_bytes(np.ascontiguousarray(grid, dtype="<f4").tobytes())
     about = _about(export) | {
         "data": data.name,
-        "dtype": "float32, little-endian; nan: a robot cannot stand there, or it is unexplored",
+        "dtype": "float32, little-endian",
         "shape": list(grid.shape),
         "index": "(band * rows + row) * columns + column; row 0 at the smallest y",
         "resolution": raster.resolution,

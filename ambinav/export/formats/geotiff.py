@@ -16,7 +16,7 @@ from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 
 LAYERS: Final = ("level", "major_radius", "minor_radius", "direction", "zone", "judged")
-"""The bands where no layer is named."""
+"""The bands where no layer is named; otherwise the layer and the last of them."""
 NO_DATA: Final = -9999.0
 # Tags and keys of OGC GeoTIFF 1.1, chapters 7 and 8.
 PIXEL_SCALE, TIE_POINT, DIRECTORY, TEXTS = 33550, 33922, 34735, 34737
@@ -69,10 +69,10 @@ def save_geotiff(path: Path, bands: Floats32, raster: Raster, names: Sequence[st
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the layer that was named, or `LAYERS`."""
+    """Write `LAYERS`, or the named layer and the judged floor."""
     amap = export.amap
     named = export.options.layer
-    names = LAYERS if named is None else (named,)
+    names = LAYERS if named is None else tuple(dict.fromkeys((named, JUDGED)))
     missing = [name for name in names if name not in (*amap.layers, JUDGED)]
     if missing and named is None:
         raise InputError(f"{amap.source}: the map lacks {missing[0]}; make it with `ambinav map`.")

@@ -148,7 +148,7 @@ def test_coordinates_of_a_country_are_moved_to_the_origin(tmp_path: Path) -> Non
 def test_units_and_axes_are_asked_about_and_not_guessed(tmp_path: Path) -> None:
     few = room(300)
     write_xyz(tmp_path / "mm.xyz", few * 1000.0)
-    with pytest.raises(InputError, match=r"more than a building has; say with unit"):
+    with pytest.raises(InputError, match=r"more than a building has; say with --unit"):
         read_cloud(tmp_path / "mm.xyz")
     write_xyz(tmp_path / "m.xyz", few)
     metres = read_cloud(tmp_path / "m.xyz", voxel=0.0625)
@@ -180,8 +180,8 @@ def test_a_cloud_with_y_up_is_the_one_that_was_turned(points: Points, tmp_path: 
 def test_feet_and_degrees_of_a_las_file(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy", reason="laspy is not installed")
     for extended, text, wanted in (
-        (False, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
-        (True, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
+        (False, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with --unit"),
+        (True, 'PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with --unit"),
         (False, 'GEOGCS["WGS 84",UNIT["degree",0.01745]]', "longitude and latitude in degrees"),
     ):
         header = laspy.LasHeader(point_format=6, version="1.4")

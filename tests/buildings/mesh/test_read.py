@@ -70,7 +70,7 @@ def test_millimetres_are_asked_about_and_not_guessed(
     tmp_path: Path, unit: str, scale: float
 ) -> None:
     path = saved(house(scale), tmp_path / "house.stl")
-    with pytest.raises(InputError, match=r"more than a building has; say with unit"):
+    with pytest.raises(InputError, match=r"more than a building has; say with --unit"):
         read_mesh(path)
     assert read_mesh(path, unit=unit).bounds == pytest.approx(np.array([(-4, -3, 0), (8, 5, 3)]))
 
@@ -134,7 +134,7 @@ def test_recorded_buildings_in_other_units_are_asked_about(
             except InputError as refused:
                 asked = [str(refused)]
         assert len(asked) == (unit != "m"), asked
-        assert all("say with unit whether its numbers are" in text for text in asked)
+        assert all("say with --unit whether its numbers are" in text for text in asked)
 
 
 def test_a_mesh_as_small_as_a_toy_is_asked_about(tmp_path: Path) -> None:

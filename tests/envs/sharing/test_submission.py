@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 import warnings
@@ -14,16 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from typer.testing import CliRunner
 
 pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
 from ambinav.runtime.errors import InputError, InputWarning
-from ambinav.runtime.provenance import digest_of
 from ambinav_envs.evaluation import UNSEEN, Episodes
-from ambinav_envs.leaderboard.frozen import DEFINITION, FrozenBenchmark, seeds_of
+from ambinav_envs.leaderboard.frozen import FrozenBenchmark, seeds_of
 from ambinav_envs.leaderboard.submission import (
     Entry,
     entries_for,
@@ -34,88 +30,7 @@ from ambinav_envs.leaderboard.submission import (
 from ambinav_envs.leaderboard.submission_checks import first_difference, scores_of
 from ambinav_envs.simulation.layout import OUTCOMES
 from ambinav_envs.tasks import HARD_TASKS, VARIANTS
-from tests.envs.policies.models import saved
-
-PLAIN, HARD = "ambinav/Procedural-v1", "ambinav/AccurateGoal-v1"
-SECRET = json.dumps({"seed": "5" * 64})
-ATTACKS = """
-import numpy as np
-
-
-class Constant:
-    def __init__(self, columns, still, declares):
-        self.values = np.full(columns, 0.0)
-        self.values[0], self.values[2:] = -1.0 if still else 1.0, 1.0 if declares else 0.0
-
-    def act(self, observations, starts):
-        return np.tile(self.values, (len(starts), 1))
-
-
-class Random(Constant):
-    def act(self, observations, starts):
-        return np.random.default_rng(0).uniform(-1.0, 1.0, (len(starts), len(self.values)))
-
-
-def make(kind, *arguments):
-    return lambda observation, action: kind(action.shape[0], *arguments)
-
-
-declares = make(Constant, True, True)
-stands = make(Constant, True, False)
-rams = make(Constant, False, False)
-acts_randomly = make(Random, False, False)
-"""
-
-
-def ignore(text: str) -> Callable[[float], None]:
-    """Draw no bar."""
-    return lambda share: None
-
-
-def small(folder: Path, **changes: Any) -> FrozenBenchmark:
-    """The shipped benchmark with two tasks, of two buildings and two episodes each."""
-    plain = yaml.safe_load(DEFINITION.read_text())
-    plain["tasks"] = {name: plain["tasks"][name] for name in (PLAIN, HARD)}
-    plain["buildings"] = {name: plain["buildings"][name][:2] for name in ("procedural", "hall")}
-    plain |= {"episodes": 2, "commitment": hashlib.sha256(SECRET.encode()).hexdigest()}
-    path = folder / "small.yaml"
-    path.write_text(yaml.safe_dump(plain | changes, sort_keys=False))
-    return FrozenBenchmark.read(path)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("submission")
-    (folder / "attacks.py").write_text(ATTACKS)
-    (folder / "secret.json").write_text(SECRET)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def frozen(folder: Path) -> FrozenBenchmark:
-    return small(folder)
-
-
-@pytest.fixture(scope="module")
-def record(frozen: FrozenBenchmark, folder: Path) -> dict[str, Any]:
-    """A submission of an untrained network in one task and of a baseline in the other."""
-    policies = [f"{PLAIN}={saved(folder / 'mine.zip')}", "vfh"]
-    return make_record(frozen, entries_for(frozen, policies, False), ignore)
-
-
-def written(record: dict[str, Any], path: Path, *, sealed: bool = True) -> Path:
-    """The file of a submission; `sealed`: by someone who also corrects scores and digest."""
-    if sealed:
-        rest = {name: value for name, value in record.items() if name != "digest"}
-        if rest["drawn"]["episodes"] is not None:
-            rest["drawn"] |= scores_of(rest["drawn"]["episodes"])
-        record = {**rest, "digest": digest_of(rest)}
-    path.write_text(json.dumps(record))
-    return path
-
-
-def copied(record: dict[str, Any]) -> dict[str, Any]:
-    return json.loads(json.dumps(record))  # type: ignore[no-any-return]
+from tests.envs.sharing.submissions import HARD, PLAIN, SECRET, copied, ignore, small, written
 
 
 def test_the_score_of_an_episode() -> None:
@@ -250,159 +165,12 @@ def test_the_kept_submission_holds() -> None:
     assert len(record["drawn"]["episodes"]) == 6
 
 
-def _other_outcome(record: dict[str, Any]) -> None:
-    record["drawn"]["episodes"][PLAIN][0][2] = "arrived"
-
-
-def _other_score(record: dict[str, Any]) -> None:
-    record["drawn"]["score"]["value"] = 0.9
-
-
-def _other_weights(record: dict[str, Any]) -> None:
-    content = bytearray(base64.b64decode(record["policies"][0]["file"]))
-    content[-100] ^= 1
-    record["policies"][0]["file"] = base64.b64encode(content).decode()
-
-
-def _no_file(record: dict[str, Any]) -> None:
-    record["policies"][0]["file"] = "###"
-
-
-def _other_seeds(record: dict[str, Any]) -> None:
-    record["seeds"] = "mine"
-
-
-def _no_policy(record: dict[str, Any]) -> None:
-    record["policies"].pop()
-
-
-def _quick(record: dict[str, Any]) -> None:
-    record["quick"] = True
-
-
-def _other_version(record: dict[str, Any]) -> None:
-    record["definition"] = "0" * 64
-
-
-def _no_tasks(record: dict[str, Any]) -> None:
-    del record["policies"][0]["tasks"]
-
-
-def _other_field(record: dict[str, Any]) -> None:
-    record["note"] = "best of all"
-
-
-def _field_of_a_policy(record: dict[str, Any]) -> None:
-    record["policies"][0]["note"] = "best of all"
-
-
-def _field_of_results(record: dict[str, Any]) -> None:
-    record["drawn"]["note"] = "best of all"
-
-
-def _complete(record: dict[str, Any]) -> None:
-    record["policies"][0] |= {"kind": "callable", "file": None}
-
-
-def _kind(record: dict[str, Any]) -> None:
-    record["policies"][1]["kind"] = "magic"
-
-
-def _without_episodes(record: dict[str, Any]) -> None:
-    record["drawn"]["episodes"] = None
-
-
-def _said_to_be_hidden(record: dict[str, Any]) -> None:
-    record["seeds"] = "hidden"
-
-
-def _without_a_task(record: dict[str, Any]) -> None:
-    del record["drawn"]["tasks"][HARD], record["drawn"]["episodes"][HARD]
-
-
-def _half_of_them(record: dict[str, Any]) -> None:
-    del record["drawn"]["episodes"][HARD][2:]
-
-
-def _the_best_twice(record: dict[str, Any]) -> None:
-    rows = record["drawn"]["episodes"][HARD]
-    rows[:] = rows[:2] * 2
-
-
-def _own_seed(record: dict[str, Any]) -> None:
-    record["drawn"]["episodes"][HARD][1][1] += 1
-
-
-def _more_than_all(record: dict[str, Any]) -> None:
-    record["drawn"]["episodes"][HARD][1][2:] = ["arrived", 1.0, 1.5]
-
-
-def _no_number(record: dict[str, Any]) -> None:
-    record["drawn"]["episodes"][HARD][1][4] = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("change", "sealed", "message"),
-    [
-        (_other_field, True, "'note' is no field of a submission, so the file was changed"),
-        (_field_of_a_policy, True, "'note' is no field of policy 'mine'"),
-        (_field_of_results, True, "drawn: 'note' is no field of results"),
-        (_complete, True, "complete of policy 'mine' contradicts the rest"),
-        (_kind, True, "kind of policy 'vfh' contradicts the rest"),
-        (_without_episodes, True, "drawn: episodes contradicts seeds"),
-        (_said_to_be_hidden, True, "drawn: episodes contradicts seeds"),
-        (_without_a_task, True, "drawn: task ambinav/AccurateGoal-v1 is missing"),
-        (_half_of_them, True, "the 2 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
-        (_the_best_twice, True, "the 4 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
-        (_own_seed, True, "the 4 episodes of ambinav/AccurateGoal-v1 are not the 4 of"),
-        (_more_than_all, True, "cannot be: hall-1000, seed .*: arrived after 1 s with score 1.5"),
-        (_no_number, True, "an episode of ambinav/AccurateGoal-v1 cannot be"),
-        (_other_outcome, False, "digest contradicts the rest"),
-        (_other_score, False, "digest contradicts the rest"),
-        (_other_weights, True, "the file of policy 'mine' contradicts the rest"),
-        (_no_file, True, "the file of policy 'mine' contradicts the rest"),
-        (_other_seeds, True, "seeds contradicts the rest"),
-        (_no_policy, True, "policies contradicts the rest"),
-        (_quick, True, "it is a quick trial and no submission"),
-        (_other_version, True, "it is not of the benchmark v1 here"),
-        (_no_tasks, True, r"this is not a submission \(tasks is missing\); give a file that"),
-    ],
-)
-def test_changes_are_refused(
-    change: Callable[[dict[str, Any]], None],
-    sealed: bool,
-    message: str,
-    record: dict[str, Any],
-    frozen: FrozenBenchmark,
-    tmp_path: Path,
-) -> None:
-    changed = copied(record)
-    change(changed)
-    with pytest.raises(InputError, match=message):
-        read_submission(written(changed, tmp_path / "changed.json", sealed=sealed), frozen)
-
-
-def test_what_is_cut_off_is_refused(frozen: FrozenBenchmark, tmp_path: Path) -> None:
-    (tmp_path / "cut.json").write_text('{"format": 1,\n"quick": fal')
-    with pytest.raises(InputError, match=r"cut\.json, line 2: this is not valid JSON"):
-        read_submission(tmp_path / "cut.json", frozen)
-
-
-def test_a_score_that_its_episodes_do_not_give_is_refused(
-    record: dict[str, Any], frozen: FrozenBenchmark, tmp_path: Path
-) -> None:
-    changed = copied(record)
-    _other_score(changed)
-    rest = {name: value for name, value in changed.items() if name != "digest"}
-    path = written({**rest, "digest": digest_of(rest)}, tmp_path / "changed.json", sealed=False)
-    with pytest.raises(InputError, match="drawn: score contradicts"):
-        read_submission(path, frozen)
-
-
 @pytest.mark.slow
-def test_the_hidden_seed(record: dict[str, Any], frozen: FrozenBenchmark, folder: Path) -> None:
-    secret = folder / "secret.json"
-    path = written(record, folder / "public.json", sealed=False)
+def test_the_hidden_seed(
+    record: dict[str, Any], frozen: FrozenBenchmark, submission_folder: Path
+) -> None:
+    secret = submission_folder / "secret.json"
+    path = written(record, submission_folder / "public.json", sealed=False)
     hidden = make_record(frozen, entries_for(frozen, [str(path)], False), ignore, secret=secret)
     assert hidden["policies"] == record["policies"] and hidden["seeds"] == "hidden"
     # No episode is published, by whose exact score start and goal could be found.
@@ -413,15 +181,15 @@ def test_the_hidden_seed(record: dict[str, Any], frozen: FrozenBenchmark, folder
     assert "5" * 64 not in text and not any(str(seed) in text for seed in seeds)
     # They are too many to be tried one by one.
     assert min(seeds_of(int("5" * 64, 16), HARD, "hall-1000", 50)) > 2**40
-    again = written(hidden, folder / "hidden.json", sealed=False)
+    again = written(hidden, submission_folder / "hidden.json", sealed=False)
     assert verify(again, frozen, ignore, secret=secret)[1] is None
     with pytest.raises(InputError, match="it was made with --secret; give it too"):
         verify(again, frozen, ignore)
-    other = folder / "other.json"
+    other = submission_folder / "other.json"
     other.write_text(SECRET.replace("5", "6"))
     with pytest.raises(InputError, match="is committed to"):
         make_record(frozen, entries_for(frozen, ["vfh"], False), ignore, secret=other)
-    attack = Entry.of(list(frozen.tasks), f"{folder}/attacks.py:stands", trust=True)
+    attack = Entry.of(list(frozen.tasks), f"{submission_folder}/attacks.py:stands", trust=True)
     with pytest.raises(InputError, match="is code, which could read the hidden seed"):
         make_record(frozen, [attack], ignore, secret=secret)
 
@@ -429,14 +197,14 @@ def test_the_hidden_seed(record: dict[str, Any], frozen: FrozenBenchmark, folder
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["declares", "stands", "rams", "acts_randomly"])
 def test_who_does_not_navigate_scores_nothing(
-    name: str, frozen: FrozenBenchmark, folder: Path
+    name: str, frozen: FrozenBenchmark, submission_folder: Path
 ) -> None:
     few = replace(frozen, tasks={HARD: frozen.tasks[HARD]}, episodes=4)
-    source = f"{folder}/attacks.py:{name}"
+    source = f"{submission_folder}/attacks.py:{name}"
     record = make_record(few, entries_for(few, [source], True), ignore)
     assert record["drawn"]["score"]["value"] == 0.0
     assert record["policies"][0]["complete"] is False
-    path = written(record, folder / f"{name}.json", sealed=False)
+    path = written(record, submission_folder / f"{name}.json", sealed=False)
     with pytest.raises(InputError, match="is not part of the submission; give it with --policy"):
         verify(path, few, ignore)
     if name == "declares":

@@ -77,8 +77,8 @@ def test_a_scanner_has_one_aperture(name: str, building: an.Environment) -> None
     (row,) = (summary for summary in preset_summaries() if summary.name == name)
     scanner = an.RangeScanner.from_preset(name)
     shown = audit(AmbiguityMap(synthetic.dataset()), building, scanner, places=0)
-    told = document(shown).scanner.aperture_deg
-    assert told == pytest.approx(math.degrees(row.aperture), abs=0.051)
+    reported_aperture = document(shown).scanner.aperture_deg
+    assert reported_aperture == pytest.approx(math.degrees(row.aperture), abs=0.051)
     for change in wider_apertures(scanner):
         now, then = re.findall(r"[\d.]+(?=°)", change.title)[::-1]
         assert now == row.row()[3].rstrip("°")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from ambinav.buildings.load import load_environment
@@ -214,3 +215,21 @@ def test_the_command_refuses_them_before_any_work(
     (error,) = result.stderr.splitlines()
     assert message in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("more", [[], ["--no-advice"]])
+def test_trips_without_a_forecast_are_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: list[str]
+) -> None:
+    """In a passage that no cell of the map lies in."""
+    monkeypatch.chdir(tmp_path)
+    hall = shapely.box(0.0, 0.0, 8.0, 4.0).union(shapely.box(8.0, 1.02, 14.0, 1.23))
+    (tmp_path / "hall.wkt").write_text(hall.wkt)
+    (tmp_path / "places.yaml").write_text("places: {west: [9, 1.125], east: [13, 1.125]}")
+    words = ["audit", "hall.wkt", "-s", "turtlebot3-lds", "-o", "out", "--no-store", *more]
+    words += ["--spacing", "0.5", "--robot-radius", "0.05", "--places", "0", "--no-aliasing"]
+    result = CliRunner().invoke(app, [*words, "--trips", "places.yaml", "--save-map", "map.zarr"])
+    assert result.exit_code == 2, result.output
+    (error,) = (line for line in result.stderr.splitlines() if "note: " not in line)
+    assert error.startswith("ambinav: error: places.yaml: route: ") and "smaller spacing" in error
+    assert {path.name for path in tmp_path.iterdir()} == {"hall.wkt", "places.yaml"}

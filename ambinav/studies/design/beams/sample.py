@@ -15,16 +15,16 @@ import numpy as np
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods
-from ambinav.ambiguity.returns import BeamTable, blind_share, panorama_returns
+from ambinav.ambiguity.returns import BeamTable, panorama_returns
 from ambinav.ambiguity.tensor import classify, relative_radii
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.maps.zones import UNEXPLORED
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.beams.loss import POINTS, Loss
+from ambinav.studies.design.explored import explored
 from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
 
 HEADINGS = 4
@@ -141,7 +141,7 @@ def draw_samples(
     samples: int = 2,
     headings: Floats | None = None,
 ) -> tuple[MapSample, ...]:
-    """Sample poses of the explored floor and cast all beams there.
+    """Sample poses of the explored floor, as in the scanner's map, and cast all beams there.
 
     Args:
         env: The building.
@@ -173,6 +173,13 @@ def draw_samples(
     lattice, possible = standing_lattice(Lattice.over(env, spacing), scanner, headings)
     region_places = region.places(lattice, headings, reach)
     region_places = region_places.sampled(lattice, samples * places, rng)
+    known = explored(lattice, scanner, region_places.point, model)
+    if not known.any():
+        raise InputError(
+            f"{env.name}: at each of the {len(known)} sampled places half of the beams or more "
+            "end in unknown space; give an explored region, or more --places."
+        )
+    region_places = region_places.among(known)
     drawn = []
     for number in range(samples):
         part = region_places.among(np.arange(len(region_places)) % samples == number)
@@ -193,7 +200,7 @@ def _cast(
     places: Places,
     model: AmbiguityModel,
 ) -> MapSample:
-    """Cast all beams at places that have a heading and around them; skip unexplored places."""
+    """Cast all beams at places that have a heading and around them."""
     env = lattice.environment
     table = BeamTable.of(scanner, model.map_std, model.outlier_share, env.has_reflectors)
     groups, weights, sums = [], [], []
@@ -205,18 +212,15 @@ def _cast(
         x, y = around.lattice.points
         data = np.empty((1, len(x), 5, len(table.limit)), dtype=np.float32)
         panorama_returns(env, scanner, table, x, y, angle, data)
-        explored = blind_share(data, 0, len(x), table.beams)[around.poses, 0] < UNEXPLORED
-        if explored.any():
-            around = replace(around, poses=around.poses[explored])
-            columns = np.ascontiguousarray(data[0, :, :, : table.columns].transpose(2, 0, 1))
-            groups.append(PoseGroup(around, columns))
-            # Points are ascending, and so are `around.poses`.
-            weights.append(here.weight[explored])
-            sums.append(around.sums(data, table, model)[:, 0])
+        columns = np.ascontiguousarray(data[0, :, :, : table.columns].transpose(2, 0, 1))
+        groups.append(PoseGroup(around, columns))
+        # Points are ascending, and so are `around.poses`.
+        weights.append(here.weight)
+        sums.append(around.sums(data, table, model)[:, 0])
     if not groups:
         raise InputError(
-            f"{env.name}: at each of the {len(places)} sampled places half of the beams or more "
-            "end in unknown space; give an explored region, or more --places."
+            f"{env.name}: a sample has no place left, for few are explored where the scanner can "
+            "stand; give more --places, or another region."
         )
     weight = np.concatenate(weights)
     level, zone = _rated(np.concatenate(sums), model)
