@@ -32,7 +32,7 @@ def can_stand(
     scanner: RangeScanner,
     x: Floats,
     y: Floats,
-    theta: float,
+    theta: float | Floats,
     robot_radius: float = 0.0,
 ) -> Bools:
     """Return whether the robot can stand at the poses (x, y, theta).
@@ -47,18 +47,19 @@ def can_stand(
         scanner: The scanner, with its true mounts.
         x: Poses, shape (N,), metres.
         y: Poses, shape (N,), metres.
-        theta: Heading of all poses, radians.
+        theta: Heading of all poses, radians, or of each, shape (N,).
         robot_radius: Radius of the body, metres; 0 for the robot's centre alone.
 
     Returns:
         Shape (N,).
     """
     good = np.array(env.is_free(x, y, robot_radius), dtype=np.bool_)
+    heading = np.broadcast_to(np.asarray(theta, dtype=np.float64), np.shape(x))
     # On a wall itself it is left to rounding what a sensor in the robot's centre sees.
     good &= np.asarray(env.clearance(x, y, 2 * TOUCHING)) > TOUCHING
     if env.space is not None:
         left = np.flatnonzero(good)
-        good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], theta)
+        good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], heading[left])
         return good
     mounts = scanner.mounts[:, :2]
     sensors = mounts[np.hypot(*mounts.T) > AT_CENTRE]
@@ -67,13 +68,13 @@ def can_stand(
         return good
     sensors, _ = distinct_rows(sensors)
     off = np.hypot(*sensors.T)
-    x, y = x[left], y[left]
+    x, y, heading = x[left], y[left], heading[left]
     distance, _, _ = scan_plan(
-        env, x, y, np.full(len(left), theta), np.zeros((len(sensors), 2)),
+        env, x, y, heading, np.zeros((len(sensors), 2)),
         np.arctan2(sensors[:, 1], sensors[:, 0]), float(off.max()), incidence=False,
     )  # fmt: skip
     fine = (distance > off + TOUCHING).all(axis=1)
-    c, s = math.cos(theta), math.sin(theta)
+    c, s = np.cos(heading), np.sin(heading)
     for mx, my in sensors.tolist():
         # Use the rays' own point location, so that every sensor of a remaining pose is inside.
         fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
@@ -82,13 +83,12 @@ def can_stand(
 
 
 def _free_in_space(
-    space: SpaceCaster, floor: float, scanner: RangeScanner, x: Floats, y: Floats, theta: float
+    space: SpaceCaster, floor: float, scanner: RangeScanner, x: Floats, y: Floats, heading: Floats
 ) -> Bools:
     """Return whether no solid is at the sensors, nor between them and the robot's axis."""
     places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
     off = np.hypot(places[:, 0], places[:, 1])
     count, top = len(places), float(places[:, 2].max())
-    heading = np.full(len(x), theta)
     # From the axis to each sensor, and from the highest of them down to the floor.
     outward = SpaceRays(
         np.column_stack([np.zeros((count, 2)), places[:, 2] + floor]),

@@ -250,6 +250,58 @@ def beam_returns(
     panorama_returns(env, scanner, table, x, y, np.array([theta]), data[None])
 
 
+def pose_returns(
+    env: Environment,
+    scanner: RangeScanner,
+    table: BeamTable,
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+    data: Floats32,
+) -> None:
+    """Cast every beam of `scanner` at poses (x, y, theta) that each have a heading of their own.
+
+    Args:
+        env: The environment.
+        scanner: The scanner.
+        table: Its beams, tabulated.
+        x: Poses, shape (N,), metres.
+        y: Poses, shape (N,), metres.
+        theta: Headings, shape (N,), radians.
+        data: Written, float32, shape (N, 5, P), padding and all: see `Returns`.
+
+    Raises:
+        InputError: the building and the scanner do not go together (`check_rays`).
+    """
+    rays = scanner.rays(env.space is not None)
+    check_rays(env, rays.height, rays.elevation)
+    which = np.arange(len(rays))[None]
+    _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
+    kind = env.surface_kind
+    step = max(RAYS_AT_ONCE // len(rays), 1)
+    for low in range(0, len(x), step):
+        part = slice(low, low + step)
+        distance, segment, incidence = scan_rays(
+            env, x[part], y[part], theta[part], rays.origin, rays.angle,
+            scanner.max_range + BEYOND, height=rays.height, elevation=rays.elevation,
+            incidence=rays.specular,
+        )  # fmt: skip
+        run_rows(
+            _pose_returns, len(distance), distance, segment, incidence, which,
+            env.surface_normals, kind == FRONTIER, rays.origin, rays.angle, rays.elevation,
+            rays.edge, np.ascontiguousarray(theta[part]), rays.start, rays.max_incidence,
+            table.nearest, table.limit, sensor, table.spread[own], table.bias[own], data[None],
+            low, least=128,
+        )  # fmt: skip
+        if len(table.intensity):
+            run_rows(
+                intensity_returns, len(distance), distance, segment, incidence, which,
+                kind == REFLECTOR, kind == FRONTIER, rays.start,
+                rays.max_incidence, table.intensity, table.surface, table.limit, low,
+                table.beams, BLIND, data[None], least=128,
+            )  # fmt: skip
+
+
 def panorama_returns(
     env: Environment,
     scanner: RangeScanner,
@@ -414,6 +466,20 @@ def _beam_returns(
                 for row in range(4):
                     data[h, first + p, row, b] = 0.0
                 data[h, first + p, 4, b] = 1.0
+
+
+@kernel
+def _pose_returns(
+    begin, end, distance, segment, incidence, which, normal, frontier, origin, angle, elevation,
+    edge, theta, start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
+):  # fmt: skip
+    for p in range(begin, end):
+        heading = theta[p : p + 1]
+        _beam_returns(
+            p, p + 1, distance, segment, incidence, which, normal, frontier, origin,
+            heading.reshape(1, 1) + angle, elevation, edge, heading, start, max_incidence, nearest,
+            limit, sensor, spread, bias, data, first,
+        )  # fmt: skip
 
 
 def blind_share(data: Floats32, begin: int, end: int, beams: int) -> Floats:

@@ -65,7 +65,7 @@ from ambinav.service.field import nearest_possible
 # On a map with headings a scan is cast at each of them: with so many beams of each sensor a cell in
 # all, evenly chosen and weighted up, the 760 000 poses of the demo take 10 s.
 BEAMS_A_CELL = 2400
-# Cells around a point: its neighbours, and those that stand for neighbours within walls.
+# Cells around one within walls, of which the nearest stands for it.
 AROUND = 3
 
 
@@ -114,7 +114,7 @@ class InformationField:
         data = amap.dataset
         possible = amap.possible
         if poses is not None:
-            near = possible & _near(amap, poses)
+            near = _near(amap, poses)
             possible = near if near.any() else possible
         headings = possible.shape[2]
         names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
@@ -191,18 +191,26 @@ def _as_headings(amap: AmbiguityMap, layer: str) -> Floats32:
 
 
 def _near(amap: AmbiguityMap, poses: Floats) -> Bools:
-    """Return a mask, shaped as `possible`, of the cells that interpolation at poses may read."""
-    rows, columns, headings = amap.possible.shape
-    cells = np.zeros(amap.possible.shape, dtype=np.bool_)
+    """Return a mask, shaped as `possible`, of the cells that interpolation at poses may read.
+
+    They are the corners that `matrix_at` reads, and what may stand for corners within walls.
+    """
+    possible = amap.possible
+    rows, columns, headings = possible.shape
+    corners, cells = np.zeros((2, *possible.shape), dtype=np.bool_)
     origin = [float(amap.dataset[axis].values[0]) for axis in ("x", "y")]
-    column, row = ((poses[:, :2] - origin) / amap.spacing).round().astype(np.int64).T
+    last = np.array([columns, rows]) - 1
+    place = np.clip((poses[:, :2] - origin) * (1.0 / amap.spacing), 0.0, last)
+    column, row = place.astype(np.int64).T
     below = np.floor(poses[:, 2] * headings / (2.0 * math.pi)).astype(np.int64)
-    around = np.arange(-AROUND, AROUND + 1)
-    for step in itertools.product(around, around, (0, 1)):
-        at = row + step[0], column + step[1]
-        within = (at[0] >= 0) & (at[0] < rows) & (at[1] >= 0) & (at[1] < columns)
-        cells[at[0][within], at[1][within], (below[within] + step[2]) % headings] = True
-    return cells
+    for up, right, turn in itertools.product((0, 1), repeat=3):
+        at = np.minimum(row + up, rows - 1), np.minimum(column + right, columns - 1)
+        corners[*at, (below + turn) % headings] = True
+    row, column, heading = np.nonzero(corners & ~possible)
+    for up, right in itertools.product(range(-AROUND, AROUND + 1), repeat=2):
+        at = np.clip(row + up, 0, rows - 1), np.clip(column + right, 0, columns - 1)
+        cells[*at, heading] = True
+    return np.asarray((corners | cells) & possible)
 
 
 class _Turning:

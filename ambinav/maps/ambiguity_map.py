@@ -381,7 +381,9 @@ class AmbiguityMap:
 
     def _on_floor(self, layer: str, values: NDArray[np.generic]) -> xr.DataArray:
         coords = {"y": self.dataset["y"], "x": self.dataset["x"]}
-        return xr.DataArray(values, coords, ("y", "x"), layer, self.dataset[layer].attrs)
+        # The fast path does not import dask, which takes longer than drawing a floor.
+        plain = xr.Variable(("y", "x"), values, self.dataset[layer].attrs, fastpath=True)
+        return xr.DataArray(plain, coords, name=layer)
 
     def zone_shares(
         self, heading: str | float = "mean", mask: Bools | None = None

@@ -194,10 +194,14 @@ class Mounts:
     @classmethod
     def of(cls, mounts: Floats, upright: Floats) -> Mounts:
         """Collect the beams of other layouts: (n, 3) of `mounts` and (n, 2) of `upright`."""
-        return cls(
-            tuple((x, y, yaw) for x, y, yaw in mounts.tolist()),
-            tuple((z, elevation) for z, elevation in upright.tolist()),
-        )
+        each = tuple((x, y, yaw) for x, y, yaw in mounts.tolist())
+        if not len(each) or upright.any() or not np.isfinite(mounts).all():
+            return cls(each, tuple((z, elevation) for z, elevation in upright.tolist()))
+        # Only finite numbers are asked for, and pydantic takes long over a panorama's thousands.
+        level = object.__new__(cls)
+        object.__setattr__(level, "each", each)
+        object.__setattr__(level, "raised", ())
+        return level
 
     @property
     def vertical_aperture(self) -> float:

@@ -10,12 +10,19 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import returns
+from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.heading import turn_cells, turning_moments, turns
 from ambinav.ambiguity.indistinguishability import evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.pair import compare
-from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns, panorama_returns
+from ambinav.ambiguity.returns import (
+    BeamTable,
+    Returns,
+    beam_returns,
+    panorama_returns,
+    pose_returns,
+)
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import build_map
@@ -144,6 +151,23 @@ def test_a_panorama_holds_what_each_heading_sees(
         assert same.mean() > 0.999
         assert (data[h, 2:, :4, table.beams :] == 0.0).all()
         assert (data[h, 2:, 4, table.beams :] == 1.0).all()
+
+
+@pytest.mark.parametrize("aperture", [0.0, math.radians(20)])
+def test_poses_with_headings_of_their_own(env: Environment, aperture: float) -> None:
+    sensor = RangeSensor(max_range=3.0, std=0.02, resolution=0.01, aperture=aperture)
+    scanner = RangeScanner.planar(sensor, 13, math.radians(120), (0.15, -0.05, 0.4))
+    table = BeamTable.of(scanner, 0.03, 0.05)
+    x, y, theta = np.random.default_rng(3).uniform(1, 8, (3, 200))
+    data = np.empty((200, 5, len(table.limit)), dtype=np.float32)
+    pose_returns(env, scanner, table, x, y, theta, data)
+    stands = can_stand(env, scanner, x, y, theta, 0.1)
+    alone = np.empty((1, *data.shape[1:]), dtype=np.float32)
+    for i in np.flatnonzero(env.is_free(x, y, 0.2)):
+        at, heading = slice(i, i + 1), float(theta[i])
+        beam_returns(env, scanner, table, x[at], y[at], heading, alone)
+        np.testing.assert_array_equal(data[i], alone[0])
+        assert stands[i] == can_stand(env, scanner, x[at], y[at], heading, 0.1)[0]
 
 
 def test_rays_that_headings_share_are_cast_once(

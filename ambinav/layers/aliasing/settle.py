@@ -8,7 +8,7 @@ import numpy as np
 
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
-from ambinav.ambiguity.returns import BLIND, beam_returns
+from ambinav.ambiguity.returns import BLIND, pose_returns
 from ambinav.layers.aliasing.kernel import approach
 from ambinav.layers.context import LayerContext
 from ambinav.maps.zones import UNEXPLORED
@@ -18,8 +18,8 @@ from ambinav.runtime.threads import run_rows
 ROUNDS = 4
 """Casts of each aliased pose. Twins that are known to the millimetre are met after two or three."""
 HEADING_STEP = math.tau / 1440
-"""Radians between the headings that scans are cast at, all poses of one together; what is left of
-a heading (a beam of 8 m moves by 17 mm along a wall) the scan's derivative accounts for."""
+"""Radians between the headings that scans are cast at; what is left of a heading (a beam of 8 m
+moves by 17 mm along a wall) the scan's derivative accounts for."""
 CHUNK = 4096
 
 
@@ -66,10 +66,8 @@ def settle_at(context: LayerContext, heading: int, cell: Indices, alike: Floats)
     poses = alike + np.array([0.0, 0.0, own])
     entries = np.full((len(cell), 4), np.nan)
     scans = context.returns(heading).data
-    # Those of nearly one heading side by side, to be cast together.
-    order = np.argsort(np.mod(poses[:, 2], math.tau), kind="stable")
-    for begin in range(0, len(order), CHUNK):
-        chunk = order[begin : begin + CHUNK]
+    for begin in range(0, len(cell), CHUNK):
+        chunk = slice(begin, begin + CHUNK)
         entries[chunk] = _settle(context, scans, cell[chunk], poses[chunk])
     x, y = context.points
     near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= context.radius
@@ -92,23 +90,14 @@ def _settle(context: LayerContext, scans: Floats32, cell: Indices, poses: Floats
     data = np.empty((len(cell), *scans.shape[1:]), dtype=np.float32)
     apart, moved = np.empty(len(cell)), np.empty((len(cell), 3))
     for _ in range(ROUNDS):
-        data[:] = 0.0
-        data[:, 4] = 1.0
-        stands = np.empty(len(cell), dtype=np.bool_)
-        step = np.rint(poses[:, 2] / HEADING_STEP)
-        heading = step * HEADING_STEP
-        for heading_index in np.unique(step):
-            those = np.flatnonzero(step == heading_index)
-            stands[those] = can_stand(
-                context.environment, context.mounted or context.scanner, poses[those, 0],
-                poses[those, 1], float(heading_index * HEADING_STEP), model.robot_radius,
-            )  # fmt: skip
-            part = data[those]
-            beam_returns(
-                context.environment, context.scanner, table, poses[those, 0], poses[those, 1],
-                float(heading_index * HEADING_STEP), part,
-            )  # fmt: skip
-            data[those] = part
+        heading = np.rint(poses[:, 2] / HEADING_STEP) * HEADING_STEP
+        stands = can_stand(
+            context.environment, context.mounted or context.scanner, poses[:, 0], poses[:, 1],
+            heading, model.robot_radius,
+        )  # fmt: skip
+        pose_returns(
+            context.environment, context.scanner, table, poses[:, 0], poses[:, 1], heading, data
+        )
         run_rows(
             approach, len(cell), scans, cell, data, poses[:, 2] - heading, table.limit,
             table.inverse_cap, table.use, evidence, model.tau, context.spacing**2 / 4.0,

@@ -234,8 +234,9 @@ def _evaluate(
     point = np.union1d(bad, others)
     was_bad = np.isin(point, bad)
     results = []
-    for change in changes:
-        zone = floor.zones([change.scanner], point)[0]
+    # Together, so that beams which several scanners share are cast once.
+    zones = floor.zones([change.scanner for change in changes], point)
+    for change, zone in zip(changes, zones, strict=True):
         parts = zone[was_bad], zone[~was_bad]
         results.append(
             Counterfactual(
