@@ -15,7 +15,8 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install -q --disable-pip-version-check --no-input -c constraints.txt
+# Byte code is made at a module's first import: of all that is installed a quarter is ever imported.
+PIP := $(BIN)/python -m pip install -q --disable-pip-version-check --no-input --no-compile -c constraints.txt
 # The studies take an hour and more, and are run by hand.
 STUDIES := $(addprefix benchmarks/bench_,belief.py brute_force.py claim.py layer_figures.py lost.py \
 	plan.py real_scans.py reference.py replay.py route_layers.py sensitivity.py sonar.py truth.py)
