@@ -42,9 +42,9 @@ test-slow: $(VENV)/.installed-dev  ## run the tests marked slow
 test-sweep: $(VENV)/.installed-dev  ## run the sweeps over all maps, presets and logs, by hand before a release
 	$(BIN)/python -m pytest -m sweep --durations=15 $(PYTEST_ARGS)
 
-test-all:  ## run the quick tests, then those marked slow
-	$(MAKE) --no-print-directory test
-	$(MAKE) --no-print-directory test-slow
+# In one go: tests are collected, and what the tests of a file share is made, once.
+test-all: $(VENV)/.installed-dev  ## run the quick tests and those marked slow
+	$(BIN)/python -m pytest -m "not sweep" --durations=15 $(PYTEST_ARGS)
 
 check: lint types  ## lint and types
 
