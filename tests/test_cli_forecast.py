@@ -169,7 +169,7 @@ def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
         (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
         pytest.param(
             ["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %",
-            marks=pytest.mark.slow,
+            marks=pytest.mark.sweep,
         ),
     ],
 )  # fmt: skip
@@ -180,13 +180,14 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
     assert not (folder / "new.csv").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("amcl-default",))
 @pytest.mark.parametrize(
     ("odometry", "start", "std"),
     [
         (["--odometry", "amcl-default"], ["--start-std", "0.3"], 0.3),
         (["--odometry-scale", "1"], [], 0.1),
     ],
+    ids=["amcl-default", "scale"],
 )
 def test_a_belief_planner_and_its_forecast_have_one_odometry_and_one_start(
     folder: Path, odometry: list[str], start: list[str], std: float

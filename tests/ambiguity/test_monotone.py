@@ -79,7 +79,7 @@ def test_the_cap_of_a_beam() -> None:
 
 
 @pytest.mark.slow(kept=("3",))
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("part", range(16))
 def test_all_maps(data_dir: Path, part: int) -> None:
-    for file in recorded.all_maps(data_dir)[part::8]:
+    for file in recorded.all_maps(data_dir)[part::16]:
         hold(piece(recorded.read(file)[0]), spacing=0.4)

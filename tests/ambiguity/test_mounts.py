@@ -162,9 +162,9 @@ def piece(env: Environment) -> Environment:
 
 
 @pytest.mark.slow(kept=("3",))
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(8))
 def test_mounts_on_all_maps(data_dir: Path, part: int) -> None:
-    for file in recorded.all_maps(data_dir)[part::4]:
+    for file in recorded.all_maps(data_dir)[part::8]:
         env = piece(recorded.read(file)[0])
         print(file.stem, end=": ")
         centred = build_map(env, all_around(24), 0.2)

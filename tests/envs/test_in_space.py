@@ -132,6 +132,7 @@ def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(
     assert moved > 0.1 if moments > 1 else moved == 0.0
 
 
+@pytest.mark.slow(kept=("ekf",))
 @pytest.mark.parametrize("localizer", ["perfect", "ekf", "mcl"])
 def test_sonars_read_the_nearest_echo_in_their_cones(localizer: str) -> None:
     """As `RangeScanner.scan` has it: below a table top, over a floor that is met too flatly."""

@@ -68,16 +68,9 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
     return total.hexdigest()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mode", "localizer"),
-    [
-        ("NextStep", "ekf"),
-        ("SameStep", "odometry"),
-        pytest.param("NextStep", "odometry", marks=pytest.mark.slow),
-        pytest.param("SameStep", "ekf", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow(kept=("ekf-NextStep", "odometry-SameStep"))
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("localizer", ["ekf", "odometry"])
 def test_is_the_single_environment_many_times(mode: str, localizer: str, two_threads: None) -> None:
     options = OPTIONS | {"map": room(), "localizer": localizer, "max_steps": 20}
     many = NavigationVectorEnv(COUNT, autoreset_mode=mode, **options)

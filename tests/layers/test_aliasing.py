@@ -79,7 +79,7 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
     return mass
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("laser", "mixed seeing", "fan seeing"))
 @pytest.mark.parametrize(
     ("scanner", "headings", "least"),
     [

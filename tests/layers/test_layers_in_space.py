@@ -40,7 +40,10 @@ def made(env: Environment, scanner: RangeScanner, layer: str, **options: Any) ->
     return build_map(env, scanner, layers=layer, store=False, **arguments).dataset
 
 
-@pytest.mark.parametrize("scanner", [LASER, AHEAD], ids=["around", "ahead, with headings"])
+@pytest.mark.slow(
+    kept=("perturbation-ahead", "gfm-around", "best_aperture-around", "localizability-ahead")
+)
+@pytest.mark.parametrize("scanner", [LASER, AHEAD], ids=["around", "ahead"])
 @pytest.mark.parametrize("layer", ["perturbation", "gfm", "best_aperture", "localizability"])
 def test_of_an_extruded_plan_it_is_that_of_the_plan(layer: str, scanner: RangeScanner) -> None:
     # Turned, so that poses of the lattice lie in line with no corner.

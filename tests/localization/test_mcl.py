@@ -163,7 +163,16 @@ def test_a_scan_that_says_nothing_changes_nothing(model: str) -> None:
 # -- drives ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "laser-likelihood_field",
+        "laser-beam_prob",
+        "sonar-likelihood_field_prob",
+        "sonar-beam",
+        "mixed-likelihood_field",
+        "mixed-beam_prob",
+    )
+)
 @pytest.mark.filterwarnings("ignore:the localizer's laser_model_type")
 @pytest.mark.parametrize("model", LASER_MODELS)
 @pytest.mark.parametrize("name", SCANNERS)

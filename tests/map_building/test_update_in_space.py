@@ -47,6 +47,7 @@ def changed(env: Environment, seed: int) -> Environment:
     return env.edited([post, Obstacle.panel(u, v, u + 0.6, v + 0.2).between(low, None)])
 
 
+@pytest.mark.slow(kept=("prisms-ahead", "mesh-flat", "mesh-lidar"))
 @pytest.mark.parametrize("scanner", [FLAT, LIDAR, AHEAD], ids=["flat", "lidar", "ahead"])
 @pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
 def test_an_update_is_a_whole_build(which: int, scanner: an.RangeScanner) -> None:

@@ -253,7 +253,7 @@ def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
     assert dots.first.get_attribute("aria-pressed") == "true"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("1280", "390"))
 @pytest.mark.parametrize("width", [1280, 768, 390])
 def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
     pytest.importorskip("ambinav_planners.registry")

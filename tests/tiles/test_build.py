@@ -223,7 +223,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("9",))
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_build_goes_on(undisturbed: Path, tmp_path: Path, number: signal.Signals) -> None:
     records = tmp_path / "a.zarr.part" / "map" / "tiles" / "record" / "c"

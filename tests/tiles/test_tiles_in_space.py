@@ -115,7 +115,7 @@ def test_tiles_of_any_hall_are_its_map(seed: int, tile: float, case: str) -> Non
     assert_tiles(amap, made, np.random.default_rng(seed))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @settings(max_examples=10)
 @given(seed=st.integers(0, 9999), tile=st.floats(1.0, 12.0), case=st.sampled_from(sorted(SCANNERS)))
 def test_tiles_of_many_halls_are_their_maps(seed: int, tile: float, case: str) -> None:

@@ -92,7 +92,14 @@ def test_along_a_route_too() -> None:
 # -- each setting is the map of its scanner ----------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "scanner0-vary0-None-prisms",
+        "scanner1-vary1-None-mesh",
+        "scanner2-vary2-None-prisms",
+        "scanner3-vary3-1-mesh",
+    )
+)
 @pytest.mark.parametrize("kind", ["prisms", "mesh"])
 @pytest.mark.parametrize(
     ("scanner", "vary", "part"),
