@@ -346,11 +346,11 @@ MOMENTS = (1.5, 4.0)
     kept=(
         "audit-1.5",
         "map-4.0",
-        "compare-4.0",
+        "compare-1.5",
         "benchmark-1.5",
         "evaluate-4.0",
-        "dataset-4.0",
-        "train-4.0",
+        "dataset-1.5",
+        "train-1.5",
     )
 )
 @pytest.mark.parametrize("moment", MOMENTS)
