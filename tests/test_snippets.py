@@ -83,21 +83,21 @@ PAGES = (
     Page(
         "README.md",
         shorter={
-            "spacing=0.1": "spacing=0.3",
+            "spacing=0.1": "spacing=0.5",
             '"ambinav/Office-v1", num_envs=64': '"ambinav/Office-v1", num_envs=2, buildings=2',
         },
     ),
     Page("docs/concepts/rays-in-space.md", DEMO, {"runs=10": "runs=1"}),
-    Page("docs/howto/audit-in-ci.md"),
-    Page("docs/howto/change.md"),
+    Page("docs/howto/audit-in-ci.md", shorter={'"0.2"': '"0.5"'}),
+    Page("docs/howto/change.md", shorter={"spacing=0.2": "spacing=0.4"}),
     Page("docs/howto/export.md"),
     Page("docs/howto/my-scanner.md"),
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),
     Page("docs/howto/plans.md"),
-    Page("docs/howto/read-the-report.md"),
+    Page("docs/howto/read-the-report.md", shorter={"spacing=0.2": "spacing=0.5"}),
     Page("docs/howto/store.md"),
-    Page("docs/howto/reflectors.md"),
+    Page("docs/howto/reflectors.md", shorter={"most=60": "most=20"}),
     Page("docs/howto/serve.md"),
     Page("docs/howto/share-a-policy.md"),
     Page("docs/howto/sweep.md"),
@@ -121,7 +121,7 @@ PAGES = (
     Page(
         "docs/forecast.md",
         shorter={
-            "spacing=0.1": "spacing=0.2",
+            "spacing=0.1": "spacing=0.3",
             # Where the odometry is good enough for the shortest route, no other is sought.
             'Forecaster(amap, "poor"': 'Forecaster(amap, "good"',
             "forecaster, 0.05": "forecaster, 0.5",

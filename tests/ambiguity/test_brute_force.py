@@ -16,7 +16,7 @@ from ambinav.sensing import RangeScanner, RangeSensor
 from benchmarks.brute_force import level
 
 MEDIAN, PERCENTILE_95, MOST = 0.02, 0.03, 0.04
-PLACES = 40
+PLACES = 24
 
 
 def cluttered(rng: np.random.Generator) -> Environment:

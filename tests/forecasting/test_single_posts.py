@@ -34,7 +34,7 @@ def test_a_likelihood_field_loses_more_than_is_forecast_and_the_ray_model_does_n
     known = {key: getattr(odometry.modelled, key) for key in ALPHAS if key != "alpha5"}
     rays = MclParameters(**{**CONE_PRODUCT, **known})
     lost = {
-        name: runner.drive(route, np.random.default_rng(3), 400).lost.mean()
+        name: runner.drive(route, np.random.default_rng(3), 256).lost.mean()
         for name, runner in (
             ("field", forecaster.runner()),
             ("rays", EnsembleRunner(HALL, SCANNER, rays, noise=odometry)),

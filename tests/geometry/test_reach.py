@@ -301,7 +301,7 @@ def flooded(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(buildings(), st.data())
 def test_against_a_flood_fill_on_a_fine_lattice(building, data):
     environment, radius = building

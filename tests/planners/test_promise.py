@@ -26,10 +26,10 @@ def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -
     shortest = robot.plan(*ACROSS, weight=0.0)
     assert forecaster(shortest).lost_probability > 0.3
     lengths = [shortest.length]
-    others = [robot.plan(*ACROSS, weight=weight) for weight in WEIGHTS[::2]]
+    others = [robot.plan(*ACROSS, weight=weight) for weight in WEIGHTS[::3]]
     lost = [forecaster(other).lost_probability for other in others]
     for share in (0.2, 0.02):
-        promise = route_within(robot, *ACROSS, forecaster, share, weights=WEIGHTS[::2])
+        promise = route_within(robot, *ACROSS, forecaster, share, weights=WEIGHTS[::3])
         route = promise.route
         assert promise.driven is None
         assert promise.forecast.lost_probability == promise.share <= share
@@ -48,8 +48,8 @@ def test_metres_that_the_cost_adds_count_as_length(robot: RoutePlanner) -> None:
     service = AmbiguityService(amap, weight=0.0, clearance_weight=5.0, comfort=1.0)
     careful = RoutePlanner(service, footprint=robot.checker.footprint)
     forecaster = Forecaster(amap, "poor")
-    route = route_within(careful, *ACROSS, forecaster, 0.065, weights=WEIGHTS[::2]).route
-    for weight in WEIGHTS[::2]:
+    route = route_within(careful, *ACROSS, forecaster, 0.065, weights=WEIGHTS[::3]).route
+    for weight in WEIGHTS[::3]:
         other = careful.plan(*ACROSS, weight=weight)
         if service.route_cost(other.poses) < service.route_cost(route.poses) - 0.05:
             assert forecaster(other).lost_probability > 0.065

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -126,6 +126,7 @@ JUNK = st.recursive(
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(
     field=st.sampled_from(
         [

@@ -156,7 +156,7 @@ def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path:
 def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"
     options = (str(plan_map), "--port", "0", "--state", str(state))
-    ends = {"start": [1, 1], "goal": [10, 2], "planner": "rrtstar", "time_s": 2.0, "seed": 1}
+    ends = {"start": [1, 1], "goal": [10, 2], "planner": "rrtstar", "time_s": 1.0, "seed": 1}
     with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
         edited = http.post("/v1/maps/map/edits", json=post_at(5.0)).json()["id"]
         of_edited = http.post(f"/v1/maps/{edited}/plans", json=ends).headers["location"]
@@ -167,7 +167,7 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
             http.post(
                 "/v1/audits",
                 files=[("files", ("room.geojson", PLAN))],
-                data={"scanner": "sick-lms200", "spacing": "0.25"},
+                data={"scanner": "sick-lms200", "spacing": "0.5"},
             ).headers["location"]
             for _ in range(3)
         ]

@@ -90,7 +90,7 @@ def every_subset(longer: str) -> list[tuple[float, float]]:
     return results
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("34", "16"))
 @pytest.mark.parametrize("limit", LIMITS)
 def test_it_is_as_cheap_as_the_best_of_all_subsets(longer, every_subset, limit) -> None:
     within = [cost for cost, share in every_subset if share < limit / 100]
@@ -180,7 +180,7 @@ def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
 
 @pytest.mark.slow
 def test_a_laxer_requirement_never_costs_more(longer) -> None:
-    every = [solve(longer, f"bad < {limit} %", "posts=3,panels=2,scanner") for limit in LIMITS]
+    every = [solve(longer, f"bad < {limit} %", "posts=3,panels=2,scanner") for limit in LIMITS[:4]]
     costs = [found.cost for found in every if found.met]
     assert len(costs) > 3
     assert (np.diff(costs) >= 0.0).all()
