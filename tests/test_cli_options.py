@@ -168,6 +168,20 @@ def commands(command: Any, name: str) -> Iterator[Any]:
         yield from commands(inner, f"{name} {part}".strip())
 
 
+def test_an_interrupt_before_a_command_reports_by_itself_is_said() -> None:
+    def stopped() -> None:
+        """Do nothing."""
+        raise KeyboardInterrupt
+
+    command = typer.Typer()
+    command.command()(documented(stopped))
+    result = CliRunner().invoke(command, [])
+    assert (result.exit_code, result.stderr) == (
+        130,
+        "ambinav: interrupted, nothing was written.\n",
+    )
+
+
 @pytest.mark.parametrize("command", [*commands(typer.main.get_command(app), "")])
 def test_every_option_says_what_it_is_for(command: Any) -> None:
     assert [param.name for param in command.params if not param.help] == []

@@ -17,7 +17,7 @@ from typer.models import ParameterInfo
 
 from ambinav.cli.checks import option_name
 from ambinav.cli.limits import Limit
-from ambinav.cli.running import note, reporting
+from ambinav.cli.running import INTERRUPTED, note, reporting, say
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
@@ -159,7 +159,12 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
         for name, kind in groups.items():
             own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
             given[name] = kind(**own)
-        command(**given)
+        try:
+            command(**given)
+        except KeyboardInterrupt:
+            # While the command imports what it runs: typer would exit without a word.
+            say("ambinav: interrupted, nothing was written.")
+            raise typer.Exit(INTERRUPTED) from None
 
     expanded.__doc__ = text
     expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
