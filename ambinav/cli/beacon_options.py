@@ -48,8 +48,8 @@ class BeaconOptions:
             ("--beacon-range", self.beacon_range),
         ):
             conflict(option, value is not None and self.beacons is None, "is for --beacons")
-        for name, given in others.items():
-            conflict("--beacons", given and self.beacons is not None, f"is not for --{name}")
+        for name, is_given in others.items():
+            conflict("--beacons", is_given and self.beacons is not None, f"is not for --{name}")
         self._options()
 
     def check_suited(self, environment: Environment, scanner: RangeScanner) -> None:
@@ -80,6 +80,6 @@ class BeaconOptions:
             return {}
         from ambinav.buildings.drawn_items import load_points
 
-        given = {"std": self.beacon_std, "max_range": self.beacon_range}
-        numbers = {name: value for name, value in given.items() if value is not None}
+        options = {"std": self.beacon_std, "max_range": self.beacon_range}
+        numbers = {name: value for name, value in options.items() if value is not None}
         return {"at": load_points(self.beacons), **numbers}

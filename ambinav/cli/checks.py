@@ -34,14 +34,14 @@ def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterat
         options: Other options, by their parameters; of one that is a sequence a function from an
             index to what its item is called, which is used for the items alone.
     """
-    known = {name: option_name(name) for name in names} | options
+    option_of = {name: option_name(name) for name in names} | options
     try:
         yield
     except InputError as error:
         match = re.match(r"(\w+)(?:\[(\d+)\])?(?=:? )", str(error))
-        if match is None or match[1] not in known or type(error) is not InputError:
+        if match is None or match[1] not in option_of or type(error) is not InputError:
             raise
-        option, item = known[match[1]], match[2]
+        option, item = option_of[match[1]], match[2]
         if callable(option):
             option = option_name(match[1]) if item is None else option(int(item))
         elif item is not None:

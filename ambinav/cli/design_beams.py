@@ -62,10 +62,10 @@ class SampleOptions(RegionOptions):
         """
         check_radius(self.radius, self.spacing)
         check_one(self.polygon, self.route)
-        for option, given in (("--polygon", self.polygon), ("--route", self.route)):
-            if given is not None and maps > 1:
+        for option, path in (("--polygon", self.polygon), ("--route", self.route)):
+            if path is not None and maps > 1:
                 raise InputError(
-                    f"{option}: {given} lies in one building, but {maps} maps are given; give one."
+                    f"{option}: {path} lies in one building, but {maps} maps are given; give one."
                 )
 
 
@@ -168,13 +168,13 @@ def beams(
         from ambinav.studies.design.beams.localizer import scan_information_of, update_times
         from ambinav.studies.design.beams.scanner import scan_masks, subset_scanner
 
-        kept = subset_scanner(full, choice.chosen.beams)
+        subset = subset_scanner(full, choice.chosen.beams)
         report = write_report(
             choice,
             samples,
             [str(path) for path in map_files],
-            update_times(buildings[0], full, kept, rng),
-            scan_information_of(buildings, full, kept, sampled.seed, sampled.map_std),
+            update_times(buildings[0], full, subset, rng),
+            scan_information_of(buildings, full, subset, sampled.seed, sampled.map_std),
             scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min),
             _parameters(sampled, region, samples),
             output,
@@ -236,10 +236,10 @@ def _draw(
 
 def _parameters(sampled: SampleOptions, region: Region, samples: list[MapSample]) -> dict[str, Any]:
     """Return the parameters of the search as the report lists them."""
-    given = {name: value for name, value in asdict(sampled).items() if value is not None}
-    given.pop("polygon", None)
-    given.pop("route", None)
-    return {**given, "region": region.title, "tau with all beams": samples[0].model.tau}
+    parameters = {name: value for name, value in asdict(sampled).items() if value is not None}
+    parameters.pop("polygon", None)
+    parameters.pop("route", None)
+    return {**parameters, "region": region.title, "tau with all beams": samples[0].model.tau}
 
 
 def _show(report: Document, output: Path) -> None:

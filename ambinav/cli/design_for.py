@@ -84,11 +84,11 @@ class RequirementOptions:
             raise InputError(
                 'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
             )
-        wanted = None if required is None else Requirement.parse(required)
-        is_lost = wanted is not None and wanted.most_lost is not None
+        parsed = None if required is None else Requirement.parse(required)
+        is_lost = parsed is not None and parsed.most_lost is not None
         if is_lost and self.places is None:
             raise InputError(
-                f'--places: "{wanted}" is about trips between places; give a file with them, e.g. '
+                f'--places: "{parsed}" is about trips between places; give a file with them, e.g. '
                 f"`{EXAMPLE}`."
             )
         conflict("--places", self.places is not None and not is_lost, FOR_LOST)
@@ -106,7 +106,7 @@ class RequirementOptions:
         )
         for kind in allowed.most:
             obstacles.rules_of(kind)
-        return Request(wanted, allowed, costs, trips, keep_out_zones(self.keep_out))
+        return Request(parsed, allowed, costs, trips, keep_out_zones(self.keep_out))
 
 
 @options.documented

@@ -196,23 +196,23 @@ def _scanner_names(named: list[str], every: bool) -> list[str]:
 
 
 def _without_third_dimension(
-    known: Sequence[RangeScanner], named: list[str]
+    scanners: Sequence[RangeScanner], named: list[str]
 ) -> tuple[RangeScanner, ...]:
     """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
-    wanted = {RangeScanner.load(name).name for name in named}
+    named_scanners = {RangeScanner.load(name).name for name in named}
     left_out = [
         scanner.name
-        for scanner in known
-        if scanner.name not in wanted and bool(scanner.upright[:, 1].any())
+        for scanner in scanners
+        if scanner.name not in named_scanners and bool(scanner.upright[:, 1].any())
     ]
     if left_out:
         note(
             f"{', '.join(left_out)} look up and down and are left out of a plan; --extrude M, or "
             "--in-space for the heights of an .ifc file, compares them too."
         )
-    return tuple(scanner for scanner in known if scanner.name not in left_out)
+    return tuple(scanner for scanner in scanners if scanner.name not in left_out)
 
 
 def _announcement(

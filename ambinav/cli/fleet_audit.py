@@ -230,8 +230,8 @@ def _note_failed(results: Sequence[Result]) -> None:
 def _show(fleet: Fleet) -> None:
     from ambinav.reports.number_text import metres2, percent
 
-    kept = len(fleet.results) - fleet.made
-    there = f", {kept} were there" if kept else ""
+    reused = len(fleet.results) - fleet.made
+    there = f", {reused} were there" if reused else ""
     show(
         fleet.document.summary,
         f"{fleet.made} {'audit' if fleet.made == 1 else 'audits'} made{there}",

@@ -152,14 +152,14 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             )
 
     @functools.wraps(command)
-    def expanded(**given: Any) -> None:
+    def expanded(**values: Any) -> None:
         with reporting():
             for name, option, limit in limits:
-                limit.check(given[name], option)
+                limit.check(values[name], option)
         for name, kind in groups.items():
-            own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
-            given[name] = kind(**own)
-        command(**given)
+            own = {field.name: values.pop(field.name) for field in dataclasses.fields(kind)}
+            values[name] = kind(**own)
+        command(**values)
 
     expanded.__doc__ = text
     expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

@@ -87,7 +87,7 @@ class SearchOptions:
             "--iterations": self.iterations is not None,
             "--seed": self.seed is not None and not drives,
         }
-        return [option for option, given in options.items() if given]
+        return [option for option, is_given in options.items() if is_given]
 
     def check_budget(self, drives: bool) -> None:
         """Refuse limits of a planner that is named and does not look at them.
@@ -100,12 +100,12 @@ class SearchOptions:
         Raises:
             InputError: there is no such planner, or an option has no effect on it.
         """
-        given = self.budget(drives)
-        if not given or self.planner == AUTO:
+        limits = self.budget(drives)
+        if not limits or self.planner == AUTO:
             return
         from ambinav_planners.registry import planner
 
-        for option in given:
+        for option in limits:
             conflict(
                 option, not planner(self.planner).uses_budget,
                 f"has no effect on the planner {self.planner}, {COMPLETE}",
@@ -153,13 +153,13 @@ class CostOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        for option, given in (
+        for option, is_given in (
             ("--clearance-weight", self.clearance_weight != 0.0),
             ("--prefer", self.prefer is not None),
         ):
             conflict(
                 option,
-                given and search.has_belief,
+                is_given and search.has_belief,
                 "is not part of the cost of the belief planners",
             )
         conflict(
@@ -230,8 +230,8 @@ class LimitOptions:
         Raises:
             InputError: they are given.
         """
-        given = self.bad_level != 0.5 and self.max_bad_metres is None
-        conflict("--bad-level", given, "is for --max-bad-metres")
+        level_alone = self.bad_level != 0.5 and self.max_bad_metres is None
+        conflict("--bad-level", level_alone, "is for --max-bad-metres")
         conflict(
             "--iterations",
             search.iterations is not None and self.one_way is not None,

@@ -81,7 +81,7 @@ class SpeedOptions:
         """
         if self.minimise not in ("cost", TIME):
             raise InputError(f"--minimise: {self.minimise!r} is neither cost nor time; give one.")
-        for option, given in (
+        for option, is_given in (
             ("--weight", cost.weight != CostOptions.weight),
             ("--layer", cost.layer is not None),
             ("--clearance-weight", cost.clearance_weight != 0.0),
@@ -91,7 +91,7 @@ class SpeedOptions:
             ("--max-bad-metres", limits.max_bad_metres is not None),
             ("--planner belief", search.has_belief),
         ):
-            conflict(option, given and self.least_time, "is not for --minimise time")
+            conflict(option, is_given and self.least_time, "is not for --minimise time")
         from ambinav.routes.clock import SpeedLimits
 
         fastest = SpeedLimits().max_speed if self.max_speed is None else self.max_speed
@@ -150,9 +150,9 @@ class SpeedOptions:
         }  # fmt: skip
         return [
             AmbiguityService(
-                with_slowness(amap, one, self.limits.max_speed, **models), LAYER, weight=1.0
+                with_slowness(amap, braking, self.limits.max_speed, **models), LAYER, weight=1.0
             )
-            for one in (rule, replace(rule, sigmas=0.0))
+            for braking in (rule, replace(rule, sigmas=0.0))
         ]
 
     def fastest(
@@ -161,8 +161,8 @@ class SpeedOptions:
         """Return which route takes the least time under the error that is forecast along it."""
         from ambinav.routes.evaluate import joints
 
-        routes = {str(k): one.route for k, one in enumerate(plans)}
-        stops = {str(k): joints(one.legs) for k, one in enumerate(plans)}
+        routes = {str(k): plan.route for k, plan in enumerate(plans)}
+        stops = {str(k): joints(plan.legs) for k, plan in enumerate(plans)}
         timed, _ = self.timed(routes, robot, forecaster, stops)
         seconds = []
         for route in timed.values():

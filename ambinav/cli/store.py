@@ -171,7 +171,9 @@ def _row(entry: Kept) -> dict[str, Any]:
             "environment_source": attrs["environment_source"],
             "scanner": attrs["scanner"],
             "parameters": json.loads(attrs["parameters"]),
-            "layers": [name for name, _, own, *_ in entry.about.variables if "worse" in own],
+            "layers": [
+                name for name, _, attributes, *_ in entry.about.variables if "worse" in attributes
+            ],
             "cells": cells(entry.about),
             "made": entry.about.made,
             "ambinav_version": attrs["ambinav_version"],

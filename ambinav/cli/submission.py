@@ -94,12 +94,14 @@ class SubmissionOptions:
                 )
         shown = {part: record[part] for part in ("drawn", "recorded") if part in record}
         if as_json:
-            plain = {part: {**own, "episodes": None} for part, own in shown.items()}
+            plain = {part: {**scores, "episodes": None} for part, scores in shown.items()}
             typer.echo(json.dumps({**plain, "difference": difference}, indent=2))
         else:
-            for part, own in shown.items():
+            for part, scores in shown.items():
                 columns = ("task", "score", *(f"{end} (%)" for end in ENDS))
-                figures = table(columns, _rows(own), left=columns[:1], no_wrap=columns, title=part)
+                figures = table(
+                    columns, _rows(scores), left=columns[:1], no_wrap=columns, title=part
+                )
                 show(figures, "", width=WIDTH)
             verdict = f"differs: {difference}" if difference else "episodes and scores agree"
             show(verdict if self.rerun else f"written to {self.submit}", wrap=False)
@@ -109,6 +111,10 @@ class SubmissionOptions:
 
 def _rows(part: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield a line for each task and one for all."""
-    for name, own in {**part["tasks"], "all": part["score"]}.items():
-        score = f"{own['value']:.3f} ({own['low']:.3f} to {own['high']:.3f})"
-        yield name, score, *(f"{100 * own[e] / own['count']:.1f}" if e in own else "" for e in ENDS)
+    for name, figures in {**part["tasks"], "all": part["score"]}.items():
+        score = f"{figures['value']:.3f} ({figures['low']:.3f} to {figures['high']:.3f})"
+        yield (
+            name,
+            score,
+            *(f"{100 * figures[e] / figures['count']:.1f}" if e in figures else "" for e in ENDS),
+        )

@@ -104,9 +104,9 @@ class TileOptions:
         if as_json:
             typer.echo(json.dumps(vars(done) | {"seconds": seconds}, indent=2))
             return
-        kept = f", {done.kept} were there" if done.kept else ""
+        reused = f", {done.kept} were there" if done.kept else ""
         repaired = f", {done.damaged} of them damaged and made again" if done.damaged else ""
-        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{repaired}")
+        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{reused}{repaired}")
         typer.echo(f"map: {output}")
 
     def _worker_count(self) -> int:

@@ -69,11 +69,11 @@ def train(
                 command = ("ambinav", *sys.argv[1:])
                 summary = run(config, output, resume=resume, command=command, callback=callback)
         except (KeyboardInterrupt, SystemExit) as stop:
-            kept = output / CHECKPOINTS
+            saved_in = output / CHECKPOINTS
             say(
-                f"ambinav: interrupted; the training so far is in {kept}, and the same command "
+                f"ambinav: interrupted; the training so far is in {saved_in}, and the same command "
                 "with --resume continues from there."
-                if kept.is_dir()
+                if saved_in.is_dir()
                 else "ambinav: interrupted before the first round was done; nothing was saved."
             )
             if isinstance(stop, SystemExit):

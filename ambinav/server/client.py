@@ -243,29 +243,29 @@ class Client(AmbiguityService):
 
     def _request_rows(
         self,
-        what: str,
+        endpoint: str,
         names: tuple[str, ...],
         values: Sequence[ArrayLike | None],
         query: dict[str, str],
     ) -> Floats | float:
         """Request one number for each row of the columns; headings that are None are omitted."""
-        given = [
+        columns = [
             (name, value)
             for name, value in zip(names, values, strict=True)
             if value is not None or not name.startswith("theta")
         ]
-        shape, flat = as_flat(**{name: math.nan if v is None else v for name, v in given})
-        query = query | {"columns": ",".join(name for name, _ in given)}
+        shape, flat = as_flat(**{name: math.nan if v is None else v for name, v in columns})
+        query = query | {"columns": ",".join(name for name, _ in columns)}
         count = flat[0].size
         out = np.empty(count)
         for low in range(0, count, PIECE):
             piece = slice(low, min(low + PIECE, count))
             body = packed(column[piece] for column in flat)
-            out[piece] = np.frombuffer(self._post(what, body, query), dtype="<f8")
+            out[piece] = np.frombuffer(self._post(endpoint, body, query), dtype="<f8")
         return out.reshape(shape) if shape else float(out[0])
 
-    def _post(self, what: str, body: bytes, query: dict[str, str]) -> bytes:
-        path = f"/v1/maps/{self.id}/{what}"
+    def _post(self, endpoint: str, body: bytes, query: dict[str, str]) -> bytes:
+        path = f"/v1/maps/{self.id}/{endpoint}"
         headers = {"content-type": OCTETS}
         answer = self._send("POST", path, content=body, params=query, headers=headers)
         return bytes(answer.content)
@@ -277,12 +277,12 @@ class Client(AmbiguityService):
         except ValueError:
             raise InputError(_no_server(self._given[0])) from None
 
-    def _send(self, method: str, path: str, patience: float | None = None, **what: Any) -> Any:
+    def _send(self, method: str, path: str, patience: float | None = None, **options: Any) -> Any:
         """Send a request and return the answer, after several attempts if that may help."""
-        what["headers"] = what.get("headers", {}) | self._match
+        options["headers"] = options.get("headers", {}) | self._match
 
         def attempt() -> Any:
-            answer = self._http.request(method, path, **what)
+            answer = self._http.request(method, path, **options)
             self._check(answer)
             return answer
 
@@ -335,9 +335,11 @@ class Client(AmbiguityService):
             return read_map(path, f"{self._given[0]}{address}")
 
     def _unanswered(self, error: Exception) -> ServerError:
-        found = ServerError(f"{self._given[0]}: no server answers there ({type(error).__name__}).")
-        found.__cause__ = error
-        return found
+        failure = ServerError(
+            f"{self._given[0]}: no server answers there ({type(error).__name__})."
+        )
+        failure.__cause__ = error
+        return failure
 
     def _check(self, answer: Any) -> None:
         """Raise the error that an answer reports."""

@@ -296,11 +296,11 @@ class NavigationParameters:
     difficulty: Annotated[int, integer(least=0, most=len(LEVELS) - 1)] = 0
     task: Annotated[str | None, BeforeValidator(_task)] = None
 
-    def __new__(cls, **given: Any) -> NavigationParameters:
+    def __new__(cls, **values: Any) -> NavigationParameters:
         """Record which fields are given: `difficulty` sets the others."""
         made = super().__new__(cls)
-        if given:
-            made._set("_given", frozenset(given))
+        if values:
+            made._set("_given", frozenset(values))
         return made
 
     def __post_init__(self) -> None:

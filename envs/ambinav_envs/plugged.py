@@ -92,16 +92,16 @@ class PluggedFunctions:
         """
         if not (self._terms or self._parts or self.task.judges):
             return
-        own = state[rows]
-        seen = _seen(own, estimates, readings, rows)
+        moved = state[rows]
+        seen = _seen(moved, estimates, readings, rows)
         stepped = Stepped(
             seen=seen,
-            before=own["before"],
-            truth=own["truth"],
-            driven=own["driven"],
-            distance=own["distance"],
-            collided=own["collided"],
-            lost=own["lost"],
+            before=moved["before"],
+            truth=moved["truth"],
+            driven=moved["driven"],
+            distance=moved["distance"],
+            collided=moved["collided"],
+            lost=moved["lost"],
             dt=self._dt,
         )
         if self.task.judges:
@@ -138,7 +138,7 @@ class PluggedFunctions:
 
 
 def _seen(
-    own: NDArray[np.void],
+    moved: NDArray[np.void],
     estimates: Callable[[], tuple[Floats, Floats]],
     readings: Floats,
     rows: Rows,
@@ -147,8 +147,8 @@ def _seen(
     return Seen(
         estimate=mean[rows],
         covariance=covariance[rows],
-        speeds=own["speeds"],
-        goal=own["goal"],
+        speeds=moved["speeds"],
+        goal=moved["goal"],
         readings=readings[rows],
     )
 

@@ -122,9 +122,9 @@ def weights_of(reward: str | Mapping[str, float]) -> dict[str, float]:
         reward = PRESETS[reward]
     if not isinstance(reward, Mapping):
         raise InputError(f"reward is {reward!r}; give a preset's name or weights by term.")
-    known = REWARD_TERMS.names()
+    terms = REWARD_TERMS.names()
     for term in reward:
-        if term not in known:
-            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), known)}.")
-    given = {term: as_number(weight, f"reward: {term}") for term, weight in reward.items()}
-    return {**dict.fromkeys(TERMS, 0.0), **given}
+        if term not in terms:
+            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), terms)}.")
+    weights = {term: as_number(weight, f"reward: {term}") for term, weight in reward.items()}
+    return {**dict.fromkeys(TERMS, 0.0), **weights}

@@ -129,9 +129,9 @@ class Context:
             Problem: there is none, or it is not the one of the header `If-Match`.
         """
         served = await self._map_of(id)
-        wanted = request.headers.get("if-match")
-        if wanted is not None and not matches(
-            wanted, f'"{await self.in_thread(digest_of_map, served)}"'
+        if_match = request.headers.get("if-match")
+        if if_match is not None and not matches(
+            if_match, f'"{await self.in_thread(digest_of_map, served)}"'
         ):
             raise Problem(
                 412, f"The map {served.name!r} is not the one of If-Match; fetch it again."
@@ -238,10 +238,10 @@ class Context:
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
         """Compute a result once for each map, in a thread; concurrent callers share the task."""
-        kept = self._kept.setdefault(served, {})
-        task = kept.get(name)
+        results = self._kept.setdefault(served, {})
+        task = results.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
-            task = kept[name] = asyncio.create_task(self.in_thread(work, served))
+            task = results[name] = asyncio.create_task(self.in_thread(work, served))
         try:
             # A caller that is cancelled must not cancel the task for the others.
             result: T = await asyncio.shield(task)

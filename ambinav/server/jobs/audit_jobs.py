@@ -149,8 +149,8 @@ class Audits:
                 task, folder=str(folder), map_name=upload.file, title=upload.title,
                 cells=limits.audit_cells,
             )  # fmt: skip
-            kept = {**asdict(task), "folder": folder.name, "client": client}
-            self._state.keep_job(audit.id, KIND, kept)
+            record = {**asdict(task), "folder": folder.name, "client": client}
+            self._state.keep_job(audit.id, KIND, record)
         except BaseException:
             self._drop(audit)
             raise
@@ -161,9 +161,9 @@ class Audits:
         """Serve the maps of finished audits again, and run those again that were cut off."""
         folder = self._state.folder
         assert folder is not None
-        known = {plain["folder"] for _, plain, _, _ in self._state.jobs(KIND)}
+        folders = {plain["folder"] for _, plain, _, _ in self._state.jobs(KIND)}
         for left in folder.glob("audit-*"):  # of uploads that were cut off before they counted
-            if left.name not in known:
+            if left.name not in folders:
                 await asyncio.to_thread(shutil.rmtree, left, ignore_errors=True)
         for id, plain, state, result in self._state.jobs(KIND):
             if id in self._all:

@@ -96,10 +96,10 @@ class PlanJobs:
         Raises:
             Problem: there is none of that id, or no longer.
         """
-        kept = self._state.job(id, KIND)
-        if kept is None:
+        stored = self._state.job(id, KIND)
+        if stored is None:
             raise Problem(404, "There is no such plan, or it is no longer kept.", field="id")
-        task, state, result = kept
+        task, state, result = stored
         done = state == "done" and result is not None
         return PlanJob(
             id=id,
@@ -144,8 +144,8 @@ class PlanJobs:
                     )
                 path = await self._file_of(served)
                 self._state.count_start(id)
-                asked = dataclasses.replace(task, map_file=str(path))
-                routes = await _patiently(lambda: self._pool.run(asked))
+                local_task = dataclasses.replace(task, map_file=str(path))
+                routes = await _patiently(lambda: self._pool.run(local_task))
         except Problem as problem:
             await self._state.job_ended(id, "failed", str(problem.detail))
         except Exception as error:

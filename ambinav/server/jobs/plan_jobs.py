@@ -27,13 +27,13 @@ class Turns:
     Args:
         running: Jobs that run at the same time.
         waiting: Jobs that may wait for their turn.
-        what: Name of the jobs in messages.
+        noun: Name of the jobs in messages.
     """
 
-    def __init__(self, running: int, waiting: int, what: str) -> None:
+    def __init__(self, running: int, waiting: int, noun: str) -> None:
         self._free = asyncio.Semaphore(running)
         self._places = running + waiting
-        self._what = what
+        self._noun = noun
 
     async def __aenter__(self) -> None:
         """Wait for a turn.
@@ -43,7 +43,7 @@ class Turns:
         """
         if self._places == 0:
             raise Problem(
-                503, f"Too many {self._what} are waiting; try again later.", headers=RETRY
+                503, f"Too many {self._noun} are waiting; try again later.", headers=RETRY
             )
         self._places -= 1
         try:
@@ -228,17 +228,17 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
         Problem: it was closed, and nobody is there to read of it; or the server ends.
     """
     task = asyncio.ensure_future(work)
-    gone = asyncio.ensure_future(_disconnected(request))
+    disconnection = asyncio.ensure_future(_disconnected(request))
     try:
-        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait({task, disconnection}, return_when=asyncio.FIRST_COMPLETED)
     except asyncio.CancelledError:
         # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
         # process to be gone; `PlanPool` sees to that.
         raise Problem(503, ENDING) from None
     finally:
-        gone.cancel()
+        disconnection.cancel()
         task.cancel()
-    await asyncio.gather(task, gone, return_exceptions=True)
+    await asyncio.gather(task, disconnection, return_exceptions=True)
     if task.cancelled():
         raise Problem(503, "The connection was closed.")
     return task.result()

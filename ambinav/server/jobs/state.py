@@ -73,12 +73,12 @@ class State:
         try:
             if folder is not None:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-                held = try_lock(folder / "lock")
-                if held is None:
+                lock = try_lock(folder / "lock")
+                if lock is None:
                     raise InputError(
                         f"--state: {folder} is in use by another server; give another folder."
                     )
-                self._held.enter_context(held)
+                self._held.enter_context(lock)
             self._data = sqlite3.connect(
                 ":memory:" if folder is None else folder / FILE,
                 check_same_thread=False,
@@ -94,10 +94,10 @@ class State:
             ) from error
 
     def _open(self) -> None:
-        (found,) = self._data.execute("PRAGMA user_version").fetchone()
-        if found not in (0, FORMAT):
+        (version,) = self._data.execute("PRAGMA user_version").fetchone()
+        if version not in (0, FORMAT):
             raise InputError(
-                f"--state: {self.folder} has format {found}, and this version of ambinav writes "
+                f"--state: {self.folder} has format {version}, and this version of ambinav writes "
                 f"{FORMAT}; give another folder."
             )
         self._data.execute("PRAGMA journal_mode = WAL")

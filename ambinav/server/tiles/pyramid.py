@@ -139,9 +139,9 @@ def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
 def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
     """Compute mean directions of period 2 pi / fold."""
     turned = np.float32(fold) * np.nan_to_num(values)
-    known = _known(values)
-    parts = (_sums(np.sin(turned) * known, depth), _sums(np.cos(turned) * known, depth))
-    for sine, cosine, count in zip(*parts, _sums(known, depth), strict=True):
+    finite = _known(values)
+    parts = (_sums(np.sin(turned) * finite, depth), _sums(np.cos(turned) * finite, depth))
+    for sine, cosine, count in zip(*parts, _sums(finite, depth), strict=True):
         angle = np.mod(np.arctan2(sine, cosine), 2.0 * math.pi) / fold
         yield np.where(count > 0, angle, np.nan).astype(np.float32)
 

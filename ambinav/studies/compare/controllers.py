@@ -173,11 +173,11 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
             f"({OUTCOMES[drives.outcome[0]]} at ({x:.2f}, {y:.2f}) m); choose another policy or "
             "pair"
         )
-    kept = [driven[0]]
+    spaced = [driven[0]]
     for pose in driven:
-        if np.hypot(*(pose - kept[-1])[:2]) >= STEP:
-            kept.append(pose)
-    poses = np.array([*kept, (*driver.goal, 0.0)])
+        if np.hypot(*(pose - spaced[-1])[:2]) >= STEP:
+            spaced.append(pose)
+    poses = np.array([*spaced, (*driver.goal, 0.0)])
     return evaluate_route(service, poses, Steering(), planner=f"policy {driver.source}")
 
 

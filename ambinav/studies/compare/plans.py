@@ -102,12 +102,12 @@ def make_plans(
         InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route
             or does not get to the goal.
     """
-    wanted = _wanted(loaded)
+    requests = _wanted(loaded)
     plans = []
-    for done, (pair, part) in enumerate(wanted):
+    for done, (pair, part) in enumerate(requests):
         with _naming_route(pair, part):
             plans.append(_plan(loaded, amap, pair, part))
-        progress((done + 1) / len(wanted))
+        progress((done + 1) / len(requests))
     for pair in loaded.scenario.pairs:
         _note_dearer(loaded, amap, pair, [plan for plan in plans if plan.pair == pair.name])
     return tuple(plans)

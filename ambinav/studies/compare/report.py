@@ -108,10 +108,17 @@ def _compare(
     forecasts = make_forecasts(loaded, amap, plans)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed, forecasts)
     by_pair = pair_figures(setup, plans, results)
-    figures = {name: figure for own in by_pair.values() for name, figure in own.items()}
+    figures = {
+        name: figure
+        for figures_of_pair in by_pair.values()
+        for name, figure in figures_of_pair.items()
+    }
     figures[OVERVIEW] = partial(plot_overview, rows, f"Routes compared: {scenario.name}")
     drawn = STUDY.draw(out, figures, image_format, stages("pictures"))
-    pictures = {pair: tuple(drawn[name] for name in own) for pair, own in by_pair.items()}
+    pictures = {
+        pair: tuple(drawn[name] for name in figures_of_pair)
+        for pair, figures_of_pair in by_pair.items()
+    }
     drives = [f"{DRIVES}/{name}" for name in written]
     report = document(loaded, plans, files, rows, pictures, drawn[OVERVIEW], drives)
     content = Content(

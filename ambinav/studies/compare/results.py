@@ -76,8 +76,8 @@ def quantiles(errors: Floats, shares: Sequence[float]) -> Floats:
         Metres; nan where fewer than a quarter of the runs were still driving.
     """
     out = np.full((len(shares), errors.shape[1]), np.nan)
-    known = np.isfinite(errors).sum(axis=0) >= max(1.0, LEAST * len(errors))
-    out[:, known] = np.nanquantile(errors[:, known], shares, axis=0)
+    enough = np.isfinite(errors).sum(axis=0) >= max(1.0, LEAST * len(errors))
+    out[:, enough] = np.nanquantile(errors[:, enough], shares, axis=0)
     return out
 
 

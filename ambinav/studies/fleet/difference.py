@@ -73,13 +73,13 @@ def open_fleet(place: str) -> FleetDocument:
     except ValidationError as error:
         first = error.errors()[0]
         is_json = first["type"] != "json_invalid"
-        what = (
+        fault = (
             "is not of this version of `ambinav fleet audit`"
             if is_json
             else "is cut off or no JSON"
         )
         raise InputError(
-            f"{place}: {FILE} {what} ({first['msg']}); run the audit again."
+            f"{place}: {FILE} {fault} ({first['msg']}); run the audit again."
         ) from error
 
 

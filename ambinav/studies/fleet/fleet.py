@@ -67,9 +67,9 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
     loaded: dict[str, tuple[str, RangeScanner]] = {}
     labels: dict[str, str] = {}
 
-    def load(given: str, folder: str) -> tuple[str, RangeScanner]:
-        beside = Path(folder, given)
-        place = str(beside) if folder and beside.is_file() else given
+    def load(named: str, folder: str) -> tuple[str, RangeScanner]:
+        beside = Path(folder, named)
+        place = str(beside) if folder and beside.is_file() else named
         if Path(place).is_file():
             place = str(Path(place).resolve())
         if place not in loaded:
@@ -84,17 +84,17 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
         return loaded[place]
 
     common = [
-        *dict(sorted((load(given, "") for given in scanners), key=lambda pair: pair[0])).items()
+        *dict(sorted((load(named, "") for named in scanners), key=lambda pair: pair[0])).items()
     ]
     units = []
     for site in sites:
         try:
-            own = [load(site.scanner, site.folder)] if site.scanner else common
+            site_scanners = [load(site.scanner, site.folder)] if site.scanner else common
         except InputError as error:
             raise InputError(f"site {site.name!r}: {error}") from None
-        if not own:
+        if not site_scanners:
             raise InputError(f"--scanner: site {site.name!r} has none; give one or more.")
-        units += [Unit(site, label, scanner) for label, scanner in own]
+        units += [Unit(site, label, scanner) for label, scanner in site_scanners]
     return tuple(units)
 
 

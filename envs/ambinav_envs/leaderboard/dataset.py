@@ -130,9 +130,9 @@ def record_datasets(
                 def report(share: float, done: int = k) -> None:
                     progress((done + share) / len(methods))
 
-                own = {**method.seeing, **arguments}
+                merged = {**method.seeing, **arguments}
                 made.append(
-                    _record(name, method, environment, own, episodes, first, report, author)
+                    _record(name, method, environment, merged, episodes, first, report, author)
                 )
     return tuple(made)
 
@@ -246,10 +246,10 @@ class _Driver:
         while not (overs and (overs[-1] or cuts[-1])):
             rows = {name: part[None] for name, part in seen.items()}
             if isinstance(driver, Policy):
-                wanted = driver.act(rows, starts)
+                action = driver.act(rows, starts)
             else:
-                wanted = driver.act(rows, starts, self._simulation)
-            actions.append(self._action(wanted))
+                action = driver.act(rows, starts, self._simulation)
+            actions.append(self._action(action))
             seen, reward, over, cut, info = self._env.step(actions[-1])
             observations.append(seen)
             infos.append(info)
@@ -271,14 +271,14 @@ class _Driver:
         last = {"outcome": "timeout", "is_success": False, **info}
         return buffer, {name: last[name] for name in ENDED}
 
-    def _action(self, wanted: Any) -> Any:
+    def _action(self, output: Any) -> Any:
         """Convert the action to the space's type, so that the record equals what was done.
 
         Raises:
             InputError: it is of no use.
         """
         space = self._env.action_space
-        chosen = checked_actions(self._name, wanted, 1, simulation_of(self._env).parameters)[0]
+        chosen = checked_actions(self._name, output, 1, simulation_of(self._env).parameters)[0]
         if isinstance(space, gym.spaces.Box):
             return np.clip(chosen.astype(space.dtype), space.low, space.high)
-        return np.int64(np.asarray(wanted)[0])
+        return np.int64(np.asarray(output)[0])

@@ -74,12 +74,12 @@ def drive_twins(
         TRUE_POSE: (blind, steered.changed(**BY_TRUTH)),
     }
     runs = {OWN: episodes}
-    for k, (name, (driver, own)) in enumerate(drivers.items()):
+    for k, (name, (driver, driver_arena)) in enumerate(drivers.items()):
 
         def report_progress(share: float, done: int = k) -> None:
             progress((done + share) / RUNS)
 
-        runs[name] = own.evaluate(driver, len(episodes), seed, progress=report_progress)
+        runs[name] = driver_arena.evaluate(driver, len(episodes), seed, progress=report_progress)
     scores = normalized_scores(
         arena.source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed
     )

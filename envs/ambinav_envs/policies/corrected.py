@@ -42,8 +42,8 @@ def with_motion(observation_space: spaces.Space[Any]) -> spaces.Space[Any]:
     """Return the observation space of a correction: the environment's parts, and `MOTION`."""
     if not isinstance(observation_space, spaces.Dict):
         return observation_space
-    own = spaces.Box(-1.0, 1.0, (3,), np.float32)
-    return spaces.Dict({**observation_space.spaces, MOTION: own})
+    motion = spaces.Box(-1.0, 1.0, (3,), np.float32)
+    return spaces.Dict({**observation_space.spaces, MOTION: motion})
 
 
 class Corrector:

@@ -217,10 +217,10 @@ class ModelPolicy(Policy):
             seen = self.normalization(seen)
         count = len(starts)
         seen = {name: _padded(part) for name, part in seen.items()}
-        given: Any = seen if "parts" in self._wanted else seen[ROW]
+        model_input: Any = seen if "parts" in self._wanted else seen[ROW]
         with _one_thread():
             actions, self._state = self.model.predict(
-                given, state=self._state, episode_start=_padded(starts), deterministic=True
+                model_input, state=self._state, episode_start=_padded(starts), deterministic=True
             )
         return np.asarray(actions)[:count]
 
@@ -264,20 +264,20 @@ class CallablePolicy(Policy):
     is_code = True
 
     def __init__(self, make: Callable[..., Any], source: str) -> None:
-        wanted = getattr(make, "environment", {})
-        if not isinstance(wanted, Mapping):
+        environment = getattr(make, "environment", {})
+        if not isinstance(environment, Mapping):
             raise InputError(
-                f"policy {source}: its environment is a {type(wanted).__name__}; give a mapping of "
-                "arguments."
+                f"policy {source}: its environment is a {type(environment).__name__}; give a "
+                "mapping of arguments."
             )
-        known = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
-        for key in wanted:
-            if key not in known:
+        allowed = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
+        for key in environment:
+            if key not in allowed:
                 raise InputError(
                     f"policy {source}: its environment has the key {key!r}, which is unknown; "
-                    f"{nearest(str(key), known)}."
+                    f"{nearest(str(key), allowed)}."
                 )
-        super().__init__(source, dict(wanted))
+        super().__init__(source, dict(environment))
         self.make = make
         self._made: Any = None
 
@@ -294,5 +294,5 @@ class CallablePolicy(Policy):
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
         """Return the callable's actions unchecked, see `Policy`; `checked_actions` checks them."""
-        given: Actions = called(self._made.act, self.name, observations, starts)
-        return given
+        actions: Actions = called(self._made.act, self.name, observations, starts)
+        return actions

@@ -119,13 +119,13 @@ class Simulation:
         self._filters: ParticleFilters | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
             self._filters = ParticleFilters(parameters, count)
-        held = parameters.late_steps + 1 if parameters.late_steps else 0
+        late_rows = parameters.late_steps + 1 if parameters.late_steps else 0
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
             np.zeros((count, parameters.people.count, 3)),
             np.zeros((count, parameters.obstacles + (parameters.closed_door > 0.0), 6)),
             np.zeros((count, parameters.scanner.beams)),
-            np.zeros((count, held), dtype=LATE),
+            np.zeros((count, late_rows), dtype=LATE),
             settings_of(parameters),
         )
 
@@ -219,17 +219,17 @@ class Simulation:
             InputError: an option is unknown or of no use, or the building has no room for the
                 robot, the task or the people.
         """
-        given = _checked(options)
+        checked = _checked(options)
         # First one draw for each robot, so that a refusal advances all random streams alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
-        episodes = [self._draw(own, given) for own in streams]
+        episodes = [self._draw(robot_streams, checked) for robot_streams in streams]
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
-        for i, episode, own in zip(rows, episodes, streams, strict=True):
+        for i, episode, robot_streams in zip(rows, episodes, streams, strict=True):
             self._settle(i, episode.site, episode.task)
             self._set_disturbances(i, episode.disturbances)
             if self._filters is not None:
-                self._filters.seed(i, own[PARTICLES])
+                self._filters.seed(i, robot_streams[PARTICLES])
         self._advance(chosen, BEGIN, out)
         self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
@@ -259,14 +259,14 @@ class Simulation:
             self._advance(chosen, OBSERVE, out)
             self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
-    def _draw(self, streams: UInts, given: Mapping[str, Any]) -> _Episode:
+    def _draw(self, streams: UInts, options: Mapping[str, Any]) -> _Episode:
         """Draw the values of an episode that the options do not set."""
         p = self.parameters
-        building, start, goal = given["building"], given["start"], given["goal"]
+        building, start, goal = options["building"], options["start"], options["goal"]
 
         def draw(site: Site, aliased: Floats | None = None) -> Task:
-            own = aliased if start is None else start
-            return self._plugged.task.draw(site, streams[TASK], p.longest, own, goal)
+            fixed_start = aliased if start is None else start
+            return self._plugged.task.draw(site, streams[TASK], p.longest, fixed_start, goal)
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
@@ -274,7 +274,7 @@ class Simulation:
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
-            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, given)
+            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, options)
             if drawn is not None:
                 break
         else:
@@ -409,9 +409,11 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return every option, None where it is not given."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"reset: options is {options!r}; give a mapping.")
-    given: dict[str, Any] = dict.fromkeys(OPTIONS)
+    checked: dict[str, Any] = dict.fromkeys(OPTIONS)
     for name, value in (options or {}).items():
-        if name not in given:
-            raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
-        given[name] = value
-    return given
+        if name not in checked:
+            raise InputError(
+                f"reset: the option {name!r} is unknown; {nearest(str(name), checked)}."
+            )
+        checked[name] = value
+    return checked

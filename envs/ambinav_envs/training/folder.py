@@ -82,8 +82,8 @@ def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that a training depends on."""
     versions_by_name = {name: library_version(name) for name in _PACKAGES}
-    known = {name: version for name, version in versions_by_name.items() if version is not None}
-    return {"python": platform.python_version(), **known}
+    installed = {name: version for name, version in versions_by_name.items() if version is not None}
+    return {"python": platform.python_version(), **installed}
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:

@@ -124,8 +124,8 @@ def choose(
     check_beams(scanner)
 
     def measured(beams: Kept) -> Subset:
-        kept = tuple(sorted(beams))
-        return Subset(kept, _loss(samples, kept), _loss(checks, kept))
+        indices = tuple(sorted(beams))
+        return Subset(indices, _loss(samples, indices), _loss(checks, indices))
 
     by_method: dict[str, list[Subset]] = {"even": [], "greedy": []}
     fewest: dict[str, int | None] = dict.fromkeys(by_method)

@@ -148,7 +148,7 @@ def document(
 
 def summary(report: Document) -> str:
     """Summarize the search in a few sentences."""
-    kept, maps = len(report.chosen.beams), len(report.maps)
+    count, maps = len(report.chosen.beams), len(report.maps)
     where = report.maps[0].name if maps == 1 else f"each of {maps} maps"
     if report.method == "all":
         return (
@@ -157,7 +157,7 @@ def summary(report: Document) -> str:
         )
     loss = report.chosen.checked
     sentences = [
-        f"{kept} of {report.beams} beams of {report.scanner}, {report.how}, stay within "
+        f"{count} of {report.beams} beams of {report.scanner}, {report.how}, stay within "
         f"{report.limit_points:g} percentage points on {where}: no zone's share of the "
         f"floor changes by more than {loss.zones_points:.1f} points, and the level by "
         f"{loss.level_points / POINTS:.3f} in the mean."
@@ -166,7 +166,7 @@ def summary(report: Document) -> str:
     if report.method == "even":
         sentences.append(
             "Greedy search needs as many."
-            if fewest["greedy"] == kept
+            if fewest["greedy"] == count
             else "Greedy search needs more: what it gains on the poses that it is shown, it loses "
             "on others."
         )

@@ -69,10 +69,10 @@ def write_report(
 
 def draw_kept(choice: Choice) -> Figure:
     """Draw the beams that are kept and those that are left out, each to its maximum range."""
-    scanner, kept = choice.scanner, choice.chosen.beams
+    scanner, beams = choice.scanner, choice.chosen.beams
     reach = np.array([sensor.max_range for sensor in scanner.sensors])[scanner.sensor_of_beam]
-    title = f"{scanner.name}: {len(kept)} of {scanner.beams} beams"
-    return plot_kept_beams(scanner.mounts, np.asarray(reach), kept, title)
+    title = f"{scanner.name}: {len(beams)} of {scanner.beams} beams"
+    return plot_kept_beams(scanner.mounts, np.asarray(reach), beams, title)
 
 
 def draw_curves(choice: Choice, report: Document) -> Figure:

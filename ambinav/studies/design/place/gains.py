@@ -60,8 +60,8 @@ class Beside:
     def gain(self, candidate: Candidate) -> float:
         """Return what an obstacle gains beside the others."""
         key = candidate, self.near(candidate)
-        known = self._gains.known
-        if key not in known:
-            known[key] = self.effects.tried([candidate.obstacle]).gain.cost
+        cached = self._gains.known
+        if key not in cached:
+            cached[key] = self.effects.tried([candidate.obstacle]).gain.cost
             self._gains.looked += 1
-        return known[key]
+        return cached[key]

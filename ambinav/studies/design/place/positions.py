@@ -115,8 +115,8 @@ class Positions:
             return dense
 
         dense, _ = self._spread(most // 2, wanted)
-        known = {each.drawn for each in even}
-        return (*even, *(each for each in dense if each.drawn not in known)), step
+        even_sites = {each.drawn for each in even}
+        return (*even, *(each for each in dense if each.drawn not in even_sites)), step
 
     def spread_evenly(self, most: int) -> tuple[tuple[Candidate, ...], float]:
         """Return at most so many candidates, and the distance between them, metres.
@@ -160,16 +160,16 @@ class Positions:
         )
 
     def _spread(
-        self, most: int, wanted: Callable[[Points], Bools]
+        self, most: int, is_allowed: Callable[[Points], Bools]
     ) -> tuple[tuple[Candidate, ...], float]:
         """Return at most `most` candidates at wanted points, and the distance between them."""
         step = dense = STEP
         # Counted before they are created, since most are too close to each other.
-        while sum(counts := self._sites.counts(step, wanted)) > MANY * most:
+        while sum(counts := self._sites.counts(step, is_allowed)) > MANY * most:
             dense = step
             step *= _step_factor(*counts, MANY * most)
         while True:
-            seen = self._clear(step, wanted)
+            seen = self._clear(step, is_allowed)
             # Checking passages takes longest.
             if len(seen) > MANY * most:
                 dense = step
@@ -183,15 +183,15 @@ class Positions:
             if allowed or dense == step:
                 return tuple(allowed), step
             # So far apart none is left: some of those that were closer.
-            seen = self._clear(dense, wanted)
+            seen = self._clear(dense, is_allowed)
             for nth in (max(len(seen) // (MANY * most), 1), 1):
                 allowed = [each for each in seen[::nth] if self._stays_open(each)]
                 if allowed:
                     break
             return tuple(allowed[:: math.ceil(len(allowed) / most) or 1]), step
 
-    def _clear(self, step: float, wanted: Callable[[Points], Bools]) -> list[Candidate]:
-        return [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
+    def _clear(self, step: float, is_allowed: Callable[[Points], Bools]) -> list[Candidate]:
+        return [each for each in self._sites.every(step, is_allowed) if self._is_clear(each)]
 
     def _bad_in_range(self, points: Points) -> Ints:
         """Count the bad floor within the scanner's range of points, shape (N,)."""

@@ -106,11 +106,11 @@ class Search:
         """Judge some candidates by all criteria."""
         which = np.array([*range(self._present), *(self._present + i for i in chosen)])
         seen = np.concatenate([self._seen, self.views[list(chosen)].transpose(1, 2, 0)], axis=2)
-        found = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
-        completed = _completed(found.count, found.rules.needed)[self.counted]
-        good = found.good[self.counted]
-        worth = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
-        return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
+        positioning = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
+        completed = _completed(positioning.count, positioning.rules.needed)[self.counted]
+        good = positioning.good[self.counted]
+        value = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
+        return State(tuple(chosen), positioning, value * self.site.lattice.cell_area)
 
     def place(self, count: int, progress: Progress = silent) -> tuple[int, ...]:
         """Place at most `count` reflectors; return their numbers, those that help most first.
@@ -171,10 +171,10 @@ class Search:
         """
         gains = np.empty(len(allowed))
         short = self._short(count) if where is None else where
-        worth = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
+        value = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
         run_rows(
             _gain, len(allowed), self.views, allowed, short, count, self._stands,
-            partial / count.shape[1] * worth, gains, least=4,
+            partial / count.shape[1] * value, gains, least=4,
         )  # fmt: skip
         return gains
 
@@ -287,27 +287,27 @@ class Search:
         """Exchange reflectors by all criteria where enough are in view, but that is no use."""
         number = unchanged = 0
         while number < EXCHANGED and unchanged < len(state.chosen):
-            found, chosen = state.positioning, list(state.chosen)
-            vain = self.counted & found.enough & ~found.good
+            positioning, chosen = state.positioning, list(state.chosen)
+            vain = self.counted & positioning.enough & ~positioning.good
             if not vain.any():
                 break
             # Those that most of this floor sees, one after the other.
             seen = self.views[chosen][:, vain].sum(axis=(1, 2))
             k = chosen[int(np.argsort(-seen, kind="stable")[unchanged])]
             others = tuple(i for i in chosen if i != k)
-            best = self._best(others, self._first(others, found))
+            best = self._best(others, self._first(others, positioning))
             number, unchanged = number + 1, unchanged + 1
             if best is not None and best.worth > state.worth + LEAST:
                 state, unchanged = best, 0
         return state
 
-    def _first(self, chosen: tuple[int, ...], found: Positioning) -> list[int]:
+    def _first(self, chosen: tuple[int, ...], positioning: Positioning) -> list[int]:
         """Return candidates that gain most by the number in view, or are seen from vain floor."""
         allowed = self._allowed(chosen)
         if not len(allowed):
             return []
         gains = self._gains(self._count(chosen), allowed)
-        vain = self.counted & found.enough & ~found.good
+        vain = self.counted & positioning.enough & ~positioning.good
         seen = self.views[np.ix_(allowed, np.flatnonzero(vain))].mean(axis=2).sum(axis=1)
         order = np.argsort(-(gains + seen), kind="stable")[:JUDGED]
         return [int(i) for i in allowed[order]]

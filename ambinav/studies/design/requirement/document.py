@@ -173,20 +173,20 @@ def money(value: float) -> str:
 def _summary(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     budget = "" if solution.budget is None else f" within a budget of {money(solution.budget)}"
     changes = f"{state_label(solution.after.state)} for {money(solution.cost)}"
-    wanted, figure = f'"{solution.requirement}"', _figure(solution, trips)
+    requirement, figure = f'"{solution.requirement}"', _figure(solution, trips)
     if solution.met is None:
         best = (
             f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
         )
         return f"{best}: {figure}."
     if solution.met and not solution.steps:
-        return f"{wanted} holds already: nothing to do, at no cost; {figure}."
+        return f"{requirement} holds already: nothing to do, at no cost; {figure}."
     if solution.met:
-        return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
+        return f"{requirement} is met by {changes}, the cheapest changes found{budget}: {figure}."
     none = "no allowed change helps" if solution.budget is None else "no change within it helps"
     best = f"the best found is {changes}" if solution.steps else none
     figure += _audited(solution)
-    return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
+    return f"{requirement} cannot be met by the changes that were tried{budget}; {best}: {figure}."
 
 
 def _audited(solution: Solution) -> str:
@@ -247,14 +247,14 @@ def state_label(state: State) -> str:
 
 
 def _floor(solution: Solution, mapped: MappedState) -> FloorPart:
-    areas, own = mapped.state.areas, mapped.own_areas
+    areas, own_areas = mapped.state.areas, mapped.own_areas
     return FloorPart(
         bad_area_m2=mapped.state.bad,
         bad_share=mapped.state.bad / float(areas.sum()),
         corridor_area_m2=float(areas[CORRIDOR]),
         open_area_m2=float(areas[OPEN]),
         value=None if solution.requirement is None else solution.requirement.value(mapped.state),
-        audit_bad_share=bad_area(own) / max(float(own.sum()), 1e-9),
+        audit_bad_share=bad_area(own_areas) / max(float(own_areas.sum()), 1e-9),
     )
 
 

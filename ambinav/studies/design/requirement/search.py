@@ -165,14 +165,14 @@ class ChangeSearch:
         """Look for obstacles that help with a scanner, as far as they can pay."""
         if not self.terms.most:
             return
-        known = self.tried[hardware]
+        trial = self.tried[hardware]
         cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
-        if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
+        if not trial.bad or cheapest > self.limit or self._is_dear(cheapest):
             return
         weight = self._weight(hardware)
         if weight is not None and not weight.any():
             return
-        self.tried[hardware] = replace(known, candidates=self._place(hardware))
+        self.tried[hardware] = replace(trial, candidates=self._place(hardware))
 
     def nearest(self) -> State:
         """Return the state within the budget that comes nearest to the requirement."""

@@ -292,8 +292,8 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
         InputError: there is none, one cannot be loaded, or two different ones have one name.
     """
     by_name: dict[str, RangeScanner] = {}
-    for given in scanners:
-        scanner = given if isinstance(given, RangeScanner) else RangeScanner.load(given)
+    for named in scanners:
+        scanner = named if isinstance(named, RangeScanner) else RangeScanner.load(named)
         if by_name.setdefault(scanner.name, scanner) != scanner:
             raise InputError(
                 f"scanner {scanner.name!r}: two different scanners have this name; give each its "
@@ -337,17 +337,17 @@ def _timed_map(
 ) -> tuple[AmbiguityMap, float | None]:
     """Return the map and the seconds to build it; None seconds if it was opened from the store."""
     began: list[float] = []
-    own = MapStore.of_user() if store is True else store or MapStore(None)
+    map_store = MapStore.of_user() if store is True else store or MapStore(None)
 
     def before() -> None:
-        if own.before_build is not None:
-            own.before_build()
+        if map_store.before_build is not None:
+            map_store.before_build()
         began.append(time.perf_counter())
 
     amap = build_map(
         environment, scanner, spacing, radius, headings, map_std,
         progress=within(progress, 0.0, 1.0 - _ROUTES_SHARE), layers=layers,
-        store=replace(own, before_build=before),
+        store=replace(map_store, before_build=before),
     )  # fmt: skip
     return amap, time.perf_counter() - began[0] if began else None
 
@@ -358,13 +358,13 @@ def _layer_means(
     means = {}
     for name in names:
         values = np.asarray(amap.floor(name, "mean").values, dtype=np.float64)[parts.counted]
-        known = values[np.isfinite(values)]
+        finite = values[np.isfinite(values)]
         attrs = amap.dataset[name].attrs
         means[name] = LayerPart(
             title=str(attrs.get("long_name", name)),
             unit=str(attrs.get("units", "")),
             worse=str(attrs.get("worse", "")),
-            mean=float(known.mean()) if known.size else None,
+            mean=float(finite.mean()) if finite.size else None,
         )
     return means
 

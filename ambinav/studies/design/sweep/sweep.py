@@ -424,8 +424,8 @@ def _headings(
     if heading is None and headings is None and turned:
         heading = 0.0
     if heading is not None:
-        kept = f"{math.degrees(heading):g}° in the map, which the robot keeps"
-        return np.array([heading]), kept
+        heading_text = f"{math.degrees(heading):g}° in the map, which the robot keeps"
+        return np.array([heading]), heading_text
     count = headings or HEADINGS
     return 2.0 * math.pi * np.arange(count) / count, f"{count}, weighted equally"
 
