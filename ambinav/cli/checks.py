@@ -49,7 +49,7 @@ def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterat
         raise InputError(option + str(error)[match.end() :]) from error
 
 
-def check_planar(scanner: RangeScanner, what: str) -> None:
+def check_planar(scanner: RangeScanner) -> None:
     """Refuse a scanner that looks up or down where only plans are supported.
 
     Raises:
@@ -57,8 +57,8 @@ def check_planar(scanner: RangeScanner, what: str) -> None:
     """
     if scanner.upright[:, 1].any():
         raise InputError(
-            f"--scanner: {scanner.name!r} looks up or down, and {what} is known for plans alone; "
-            "give a scanner that looks in the plane."
+            f"--scanner: {scanner.name!r} looks up or down, and the choice of beams is known for "
+            "plans alone; give a scanner that looks in the plane."
         )
 
 

@@ -146,6 +146,7 @@ def beams(
     with reporting():
         from ambinav.sensing.scanner import RangeScanner
         from ambinav.studies.design.beams.choose import check_beams, check_limit, choose
+        from ambinav.studies.design.beams.document import document
         from ambinav.studies.design.beams.report import STUDY, write_report
 
         check_limit(loss, "--loss")
@@ -153,7 +154,7 @@ def beams(
         check_report(STUDY, output, pictures)
         full = RangeScanner.load(scanner)
         messages.check(full)
-        check_planar(full, "the choice of beams")
+        check_planar(full)
         check_beams(full)
         import numpy as np
 
@@ -169,17 +170,17 @@ def beams(
         from ambinav.studies.design.beams.scanner import scan_masks, subset_scanner
 
         subset = subset_scanner(full, choice.chosen.beams)
-        report = write_report(
+        masks = scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min)
+        report = document(
             choice,
             samples,
             [str(path) for path in map_files],
             update_times(buildings[0], full, subset, rng),
             scan_information_of(buildings, full, subset, sampled.seed, sampled.map_std),
-            scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min),
+            masks,
             _parameters(sampled, region, samples),
-            output,
-            pictures,
         )
+        report = write_report(choice, report, masks, output, pictures)
         finish(report, lambda report: _show(report, output), as_json=as_json)
 
 

@@ -11,7 +11,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.gate import FleetGate
 from ambinav.cli.limits import at_least
-from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing
+from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing, check_radius
 from ambinav.cli.packages import need
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import check_writable, note, progress_bars, reporting, resumable
@@ -124,11 +124,7 @@ def audit_fleet(
         from ambinav.studies.fleet.unit import FleetSettings
 
         need("fleet audit", ("pyarrow",), "fleet")
-        if radius < spacing:
-            raise InputError(
-                f"--ambiguity-radius: {radius:g} m is less than a cell of {spacing:g} m "
-                "(--spacing); give at least that."
-            )
+        check_radius(radius, spacing)
         place = Address.of(output)
         conditions = gate.conditions(place.folder)
         part = running.part

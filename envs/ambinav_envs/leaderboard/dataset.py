@@ -26,7 +26,7 @@ from ambinav import __version__
 from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav.runtime.progress import Progress, silent
+from ambinav.runtime.progress import Progress, silent, step_of
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, episode_seeds
 from ambinav_envs.file_arguments import with_absolute_files
@@ -126,13 +126,10 @@ def record_datasets(
         fresh.mkdir()
         with _datasets_in(fresh):
             for k, (name, method) in enumerate(zip(names, methods, strict=True)):
-
-                def report(share: float, done: int = k) -> None:
-                    progress((done + share) / len(methods))
-
                 merged = {**method.seeing, **arguments}
+                part = step_of(progress, k, len(methods))
                 made.append(
-                    _record(name, method, environment, merged, episodes, first, report, author)
+                    _record(name, method, environment, merged, episodes, first, part, author)
                 )
     return tuple(made)
 

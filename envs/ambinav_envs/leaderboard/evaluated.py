@@ -20,7 +20,7 @@ from ambinav.runtime.progress import Progress, silent, within
 from ambinav_envs.arena import Arena
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
-from ambinav_envs.leaderboard.figures import Row, make_rows, plain
+from ambinav_envs.leaderboard.figures import Row, make_rows
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
@@ -77,7 +77,7 @@ class Evaluation:
             "code": self.code,
             "episodes": self.row.episodes,
             "seed": self.seed,
-            "figures": {cell.figure.key: plain(cell.value) for cell in self.row.cells},
+            "figures": self.row.to_plain()["figures"],
             "summary": {
                 key: None if np.isnan(value) else value
                 for key, value in self.episodes.summary().items()

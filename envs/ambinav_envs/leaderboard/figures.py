@@ -7,7 +7,7 @@ import io
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,13 @@ class Row(Cells[EpisodeFigure]):
     episodes: int
     cells: tuple[Cell[EpisodeFigure], ...]
     score: Interval | None = None
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return the figures and their differences to the baseline for JSON."""
+        return {
+            "figures": {cell.figure.key: plain(cell.value) for cell in self.cells},
+            "differences": {cell.figure.key: plain(cell.difference) for cell in self.cells},
+        }
 
 
 def ratios(above: Floats, below: Floats) -> Floats:

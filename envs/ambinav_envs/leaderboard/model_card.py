@@ -272,11 +272,9 @@ def write_model_card(path: Path, evaluation: Path, folder: Path) -> Path:
 def _figures(judged: Judged) -> str:
     rows = []
     for figure in FIGURES:
-        interval, unit = (
-            judged.record["figures"][figure.key],
-            f" ({figure.unit})" * bool(figure.unit),
-        )
+        interval = judged.record["figures"][figure.key]
         if interval is not None:
+            unit = f" ({figure.unit})" if figure.unit else ""
             value, low, high = (f"{interval[end]:.{figure.digits}f}" for end in ENDS)
             rows.append(f"| {figure.title}{unit} | {value} [{low}, {high}] |")
     return "\n".join(rows)

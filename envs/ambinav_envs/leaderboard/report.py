@@ -136,8 +136,7 @@ def document(
                 "setting": row.setting,
                 "method": row.method,
                 "criterion": criterion_text(row, _base(row, rows)),
-                "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
-                "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
+                **row.to_plain(),
                 "reward": row["return"].value.value if row["return"].value.count else None,
                 SCORE: plain(row.score),
             }
@@ -198,9 +197,4 @@ def criterion_text(row: Row, base: Row | None) -> str:
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
-    candidates = (
-        candidate
-        for candidate in rows
-        if candidate.setting == row.setting and candidate.method == BASELINE
-    )
-    return next(candidates, None)
+    return next((r for r in rows if (r.setting, r.method) == (row.setting, BASELINE)), None)

@@ -235,10 +235,8 @@ def verify(
 
 def _entries_in(record: Record, policies: Sequence[str], trust: bool) -> list[Entry]:
     """Load the policies of a submission; those that it does not contain are among `policies`."""
-    entries, others = (
-        [],
-        {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in policies)},
-    )
+    entries = []
+    others = {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in policies)}
     for policy in record["policies"]:
         tasks, name, checksum = policy["tasks"], policy["name"], policy["sha256"]
         if policy["kind"] == "reactive":

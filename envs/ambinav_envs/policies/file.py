@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav.runtime.provenance import code_digest, library_version
+from ambinav.runtime.provenance import code_digest, library_versions
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import CARD, Card, card_text, of_id, parse_card, plain_environment
@@ -244,6 +244,4 @@ def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    versions = {name: library_version(name) for name in packages}
-    installed = {name: version for name, version in versions.items() if version is not None}
-    return {"python": platform.python_version(), **installed}
+    return {"python": platform.python_version(), **library_versions(packages)}

@@ -107,10 +107,18 @@ def document(
     information: InformationPart,
     masks: Sequence[ScanMask],
     parameters: Mapping[str, Any],
-    files: Sequence[str],
-    pictures: Sequence[str],
 ) -> Document:
-    """Collect the figures, rounded, with units in the names."""
+    """Collect the figures, rounded, with units in the names; `files` and `pictures` are empty.
+
+    Args:
+        choice: Result of the search.
+        samples: The poses of each map that beams were chosen on.
+        sources: File of each map.
+        updates: Durations of the localizers' updates.
+        information: Position accuracy from one scan.
+        masks: Readings removed from LaserScan messages; empty if there are no such messages.
+        parameters: Parameters of the search, by name.
+    """
     made = Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         summary="",
@@ -139,8 +147,8 @@ def document(
             MaskPart.of(mask, first_deg=mask.first, kept=mask.readings - len(mask.masked))
             for mask in masks
         ),
-        files=tuple(files),
-        pictures=tuple(pictures),
+        files=(),
+        pictures=(),
         parameters=dict(parameters),
     )
     return made.model_copy(update={"summary": summary(made)})

@@ -22,7 +22,7 @@ from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, silent, within
+from ambinav.runtime.progress import Progress, silent, step_of, within
 from ambinav.sensing.robot_radius import common_robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
@@ -230,10 +230,7 @@ def compare_scanners(
     reasons: list[InputError] = []
     amap: AmbiguityMap | None = None
     for done, scanner in enumerate(chosen):
-
-        def part(share: float, done: int = done) -> None:
-            progress((done + share) / len(chosen))
-
+        part = step_of(progress, done, len(chosen))
         able, lacking = _layers_of(names, scanner, environment)
         try:
             made, seconds = _timed_map(
