@@ -60,7 +60,17 @@ from claim_tables import (
     route_line,
     within,
 )
-from harness import arguments, commits, in_all, kept_rows, option, report, run_script, table
+from harness import (
+    arguments,
+    commits,
+    in_all,
+    joined_rows,
+    kept_rows,
+    option,
+    report,
+    run_script,
+    table,
+)
 from localizers import LOCALIZERS, WHAT
 
 ENVIRONMENTS = ("demo", "willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
@@ -130,14 +140,9 @@ def rows_of(case: tuple[str, str], args: argparse.Namespace) -> list[Pair]:
         driven[name] = kept_rows(drives_path(args.folder, *case, where))
     pairs = []
     for name, drives in in_all(driven, BOTH, ("pair", "odometry")).items():
-        for drive in drives:
-            route = routes[drive["pair"]]
-            merged = {
-                name_of_route: {**route[name_of_route], **drive[name_of_route]}
-                for name_of_route in ROUTES
-            }
-            names = {"environment": case[0], "scanner": case[1], "localizer": name}
-            pairs.append({**drive, **merged, **names, "offered": is_offered(route)})
+        names = {"environment": case[0], "scanner": case[1], "localizer": name}
+        for row in joined_rows(routes.values(), drives, ROUTES):
+            pairs.append({**row, **names, "offered": is_offered(routes[row["pair"]])})
     return pairs
 
 

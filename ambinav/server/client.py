@@ -94,7 +94,7 @@ class Client(AmbiguityService):
                 'ambinav.Client needs httpx; run: pip install "ambinav[serve]".'
             ) from error
         self._errors = httpx.HTTPError, httpx.InvalidURL
-        self._given = url, token, patience
+        self._connection = url, token, patience
         self._match: dict[str, str] = {}
         headers = {} if token is None else {"authorization": f"Bearer {token}"}
         transport = httpx.HTTPTransport()
@@ -142,7 +142,7 @@ class Client(AmbiguityService):
         try:
             info: dict[str, Any] = self._get(f"/v1/maps/{quote(self.id, safe='')}", patience=0.0)
         except InputError:
-            url = self._given[0]
+            url = self._connection[0]
             raise InputError(
                 f"{url} has no map {self.id!r}; it serves {', '.join(served)}."
             ) from None
@@ -160,14 +160,13 @@ class Client(AmbiguityService):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return a new client for the process or thread that receives it."""
-        url, token, patience = self._given
-        return _again, (url, self.id, token, self.layer, self.weight, patience)
+        url, token, patience = self._connection
+        return _connected, (url, self.id, token, self.layer, self.weight, patience)
 
     def __repr__(self) -> str:
         """Return address, map, layer and weight."""
-        return (
-            f"Client({self._given[0]!r}, {self.id!r}, layer={self.layer!r}, weight={self.weight:g})"
-        )
+        url, layer = self._connection[0], self.layer
+        return f"Client({url!r}, {self.id!r}, layer={layer!r}, weight={self.weight:g})"
 
     def __enter__(self) -> Self:
         """Return the client itself."""
@@ -269,7 +268,7 @@ class Client(AmbiguityService):
         try:
             return answer.json()
         except ValueError:
-            raise InputError(_no_server(self._given[0])) from None
+            raise InputError(_no_server(self._connection[0])) from None
 
     def _send(self, method: str, path: str, patience: float | None = None, **options: Any) -> Any:
         """Send a request and return the answer, after several attempts if that may help."""
@@ -286,7 +285,7 @@ class Client(AmbiguityService):
         """Return the result of an attempt, repeated while the server is gone or busy."""
         import httpx
 
-        end = time.monotonic() + (self._given[2] if patience is None else patience)
+        end = time.monotonic() + (self._connection[2] if patience is None else patience)
         pause, closed = PAUSE, False
         while True:
             wait = pause
@@ -326,11 +325,11 @@ class Client(AmbiguityService):
                         file.write(piece)
 
             self._repeated(attempt)
-            return read_map(path, f"{self._given[0]}{address}")
+            return read_map(path, f"{self._connection[0]}{address}")
 
     def _unanswered(self, error: Exception) -> ServerError:
         failure = ServerError(
-            f"{self._given[0]}: no server answers there ({type(error).__name__})."
+            f"{self._connection[0]}: no server answers there ({type(error).__name__})."
         )
         failure.__cause__ = error
         return failure
@@ -342,12 +341,12 @@ class Client(AmbiguityService):
         try:
             detail = str(answer.json()["detail"])
         except (ValueError, KeyError, TypeError):
-            detail = f"{self._given[0]} answers with the status {answer.status_code}."
+            detail = f"{self._connection[0]} answers with the status {answer.status_code}."
         if answer.status_code in BUSY:
             raise _BusyError(detail, answer.headers.get("retry-after", ""))
         if answer.status_code == CHANGED:
             raise ServerError(
-                f"{self._given[0]}: the map {self.id!r} is another one since this client was "
+                f"{self._connection[0]}: the map {self.id!r} is another one since this client was "
                 "created; create a new client."
             )
         if answer.status_code >= 500:
@@ -367,7 +366,7 @@ def _no_server(url: str) -> str:
     return f"{url}: this is not an ambinav server; give the address that `ambinav serve` prints."
 
 
-def _again(
+def _connected(
     url: str, map: str, token: str | None, layer: str, weight: float, patience: float
 ) -> Client:
     return Client(url, map, token, layer=layer, weight=weight, patience=patience)

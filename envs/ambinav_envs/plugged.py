@@ -93,7 +93,7 @@ class PluggedFunctions:
         if not (self._terms or self._parts or self.task.judges):
             return
         moved = state[rows]
-        seen = _seen(moved, estimates, readings, rows)
+        seen = _as_seen(moved, estimates, readings, rows)
         stepped = Stepped(
             seen=seen,
             before=moved["before"],
@@ -127,7 +127,7 @@ class PluggedFunctions:
         for values in (*out.terms.values(), *out.weighted.values()):
             values[rows] = 0.0
         if self._parts:
-            self._show(_seen(state[rows], estimates, readings, rows), rows, out)
+            self._show(_as_seen(state[rows], estimates, readings, rows), rows, out)
 
     def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
         for part, size, calling in self._parts:
@@ -137,7 +137,7 @@ class PluggedFunctions:
             out.parts[part.name][rows] = values
 
 
-def _seen(
+def _as_seen(
     moved: NDArray[np.void],
     estimates: Callable[[], tuple[Floats, Floats]],
     readings: Floats,

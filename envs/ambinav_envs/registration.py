@@ -55,12 +55,12 @@ class TaskRegistry(Registry[TaskSpec]):
         return entry
 
 
-def _own(spec: TaskSpec) -> TaskSpec:
+def _itself(spec: TaskSpec) -> TaskSpec:
     return spec
 
 
 TASKS: Final = TaskRegistry(
-    "task", TaskSpec, "ambinav.tasks", {spec.name: partial(_own, spec) for spec in SHIPPED}
+    "task", TaskSpec, "ambinav.tasks", {spec.name: partial(_itself, spec) for spec in SHIPPED}
 )
 """The tasks: ours, and those of plug-ins."""
 

@@ -36,7 +36,7 @@ class RewardTerm:
     function: Callable[[Stepped], NDArray[np.generic]] | None = None
 
 
-_OWN = {
+_BUILT_IN = {
     "progress": (
         "m",
         "metres by which the path from the true position to the goal became shorter, at the "
@@ -72,13 +72,13 @@ _OWN = {
 }
 
 
-def _own(name: str) -> RewardTerm:
-    unit, meaning = _OWN[name]
+def _built_in(name: str) -> RewardTerm:
+    unit, meaning = _BUILT_IN[name]
     return RewardTerm(name=name, unit=unit, meaning=meaning)
 
 
 REWARD_TERMS: Final = Registry(
-    "reward term", RewardTerm, "ambinav.rewards", {name: partial(_own, name) for name in TERMS}
+    "reward term", RewardTerm, "ambinav.rewards", {name: partial(_built_in, name) for name in TERMS}
 )
 """The terms of the reward: ours, which `simulation.step.judge` computes, and those of plug-ins."""
 

@@ -201,7 +201,7 @@ class _Sleepers(PlanPool):
 
 @pytest.mark.slow
 def test_a_plan_that_ends_soon_keeps_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan_jobs, "SOON", 0.5)
+    monkeypatch.setattr(plan_jobs, "GRACE_SECONDS", 0.5)
 
     async def left(seconds: float) -> bool:
         pool = _Sleepers(1, 1, 60.0)

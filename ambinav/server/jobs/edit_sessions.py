@@ -77,7 +77,7 @@ class EditPool(PlanPool):
     what = "edit"
     remedy = "the map is too large to be edited on this server, or the machine too busy"
 
-    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+    async def _can_reuse(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         try:
             worker.line.send(None)
             async with asyncio.timeout(STOP_SECONDS):
@@ -154,9 +154,9 @@ class Edits:
                 if before is not None:
                     _cancel(before)
                 self._latest[key] = task
-                task.add_done_callback(partial(self._over, key))
+                task.add_done_callback(partial(self._drop_finished, key))
             else:
-                task.add_done_callback(_heard)
+                task.add_done_callback(_consume_error)
             edited = await asyncio.shield(task)
             text = to_json(collection(obstacles)).decode()
             step = self.state.keep_edit(
@@ -205,18 +205,18 @@ class Edits:
             raise Problem(409, MOVED.format(stale.position), field="session") from None
         return edited, position + by
 
-    def _over(self, key: tuple[str, str], task: asyncio.Task[ServedMap]) -> None:
+    def _drop_finished(self, key: tuple[str, str], task: asyncio.Task[ServedMap]) -> None:
         if self._latest.get(key) is task:
             del self._latest[key]
-        _heard(task)
+        _consume_error(task)
 
     def of(self, base: ServedMap) -> list[EditedMap]:
         """Return the edited maps of a map."""
-        return [edited for edited in self._kept() if edited.base is base]
+        return [edited for edited in self._edited_maps() if edited.base is base]
 
     async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
         name = name_of(base, obstacles)
-        kept = next((edited for edited in self._kept() if edited.name == name), None)
+        kept = next((edited for edited in self._edited_maps() if edited.name == name), None)
         if kept is not None:
             kept.owner = owner
             self._maps.get(name)  # it was used just now
@@ -246,7 +246,7 @@ class Edits:
         self._make_room(made)
         return made
 
-    def _kept(self) -> list[EditedMap]:
+    def _edited_maps(self) -> list[EditedMap]:
         return [amap for amap in self._maps.edited if isinstance(amap, EditedMap)]
 
     def _make_room(self, last: EditedMap) -> None:
@@ -255,7 +255,7 @@ class Edits:
         The owner of the most maps loses the one unused for longest.
         """
         while True:
-            edited_maps = self._kept()
+            edited_maps = self._edited_maps()
             total = sum(edited.bytes for edited in edited_maps)
             if len(edited_maps) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
                 return
@@ -275,7 +275,7 @@ class Edits:
         self.pool.close()
 
 
-def _heard(task: asyncio.Task[ServedMap]) -> None:
+def _consume_error(task: asyncio.Task[ServedMap]) -> None:
     if not task.cancelled():
         task.exception()  # whoever has gone away does not ask for it
 

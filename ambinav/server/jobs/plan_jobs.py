@@ -17,7 +17,7 @@ from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 T = TypeVar("T")
 
-SOON: Final = 2.0
+GRACE_SECONDS: Final = 2.0
 """Seconds that a plan whose client has left may go on, before its process is stopped."""
 
 
@@ -81,7 +81,7 @@ class PlanPool:
         self.busy: set[Worker] = set()
 
     async def run(self, task: object) -> Any:
-        """Run a task; if the caller is cancelled, the task is stopped, see `_left`.
+        """Run a task; if the caller is cancelled, the task is stopped, see `_can_reuse`.
 
         Raises:
             Problem: it cannot be done, takes too long, or its process was killed.
@@ -98,7 +98,7 @@ class PlanPool:
                     answer = await asyncio.shield(coming)
                 done = True
             except asyncio.CancelledError:
-                done = await self._left(worker, coming)
+                done = await self._can_reuse(worker, coming)
                 raise
             except TimeoutError:
                 raise Problem(
@@ -122,13 +122,13 @@ class PlanPool:
             raise Problem(422, answer.detail, field=named_field(answer.detail))
         return answer
 
-    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+    async def _can_reuse(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         """Return whether a process can be reused after its task, whose `answer` nobody wants.
 
         A new process has to load all code and the map: a task that ends soon is waited for.
         """
         try:
-            async with asyncio.timeout(SOON):
+            async with asyncio.timeout(GRACE_SECONDS):
                 await asyncio.shield(answer)
         except (EOFError, OSError):  # TimeoutError is one
             return False
@@ -184,11 +184,11 @@ async def started(work: Callable[[Connection], None]) -> Worker:
     try:
         return await asyncio.shield(begun)
     except asyncio.CancelledError:
-        begun.add_done_callback(_unwanted)
+        begun.add_done_callback(_end_worker)
         raise
 
 
-def _unwanted(begun: asyncio.Future[Worker]) -> None:
+def _end_worker(begun: asyncio.Future[Worker]) -> None:
     if begun.exception() is None:
         begun.result().end()
 

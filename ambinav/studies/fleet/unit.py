@@ -123,7 +123,7 @@ class FleetWork:
                 self.computed_by, self.settings, contents, dict(unit.site.reading),
                 unit.site.building, unit.label, unit.scanner,
             )  # fmt: skip
-            stored = self._kept(unit, digest)
+            stored = self._stored_result(unit, digest)
             if stored is not None:
                 return stored
             with warnings.catch_warnings():
@@ -149,7 +149,7 @@ class FleetWork:
         text = result.model_dump_json(indent=1) + "\n"
         self.output.write(f"{unit.file}.json", text.encode())
 
-    def _kept(self, unit: Unit, digest: str) -> UnitDone | None:
+    def _stored_result(self, unit: Unit, digest: str) -> UnitDone | None:
         """Return the result that is there, if it was made of the same and did not fail."""
         content = self.output.read(f"{unit.file}.json")
         if content is None or digest.encode() not in content:

@@ -110,7 +110,7 @@ class Positions:
         least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
 
         def wanted(points: Points) -> Bools:
-            dense = self._wanted(points)
+            dense = self._allowed(points)
             dense[dense] = self._bad_in_range(points[dense]) >= least
             return dense
 
@@ -124,7 +124,7 @@ class Positions:
         Raises:
             InputError: there is none.
         """
-        allowed, step = self._spread(most, self._wanted)
+        allowed, step = self._spread(most, self._allowed)
         if not allowed:
             rules = self.rules
             remedy = "give a smaller --width" if rules.kind != "post" else "give a smaller --radius"
@@ -147,7 +147,7 @@ class Positions:
 
         def wanted(points: Points) -> Bools:
             close = np.hypot(points[:, 0] - x, points[:, 1] - y) <= reach
-            close[close] = self._wanted(points[close])
+            close[close] = self._allowed(points[close])
             return close
 
         window = (x - reach, y - reach, x + reach, y + reach)
@@ -199,7 +199,7 @@ class Positions:
             return np.empty(0, dtype=np.int64)
         return np.asarray(self._bad.query_ball_point(points, self._sight, return_length=True))
 
-    def _wanted(self, points: Points) -> Bools:
+    def _allowed(self, points: Points) -> Bools:
         """Return which points see bad floor and are clear of routes and zones, shape (N,)."""
         seeing = self._bad.query(points, distance_upper_bound=self._sight)[0] <= self._sight
         beside = points[seeing]

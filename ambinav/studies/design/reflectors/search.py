@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -43,6 +44,8 @@ EXCHANGED: Final = 24
 """Reflectors that are exchanged by all criteria, at most,"""
 JUDGED: Final = 8
 """and candidates that are judged instead of each."""
+WORTH: Final = attrgetter("worth")
+"""Value of a state."""
 PARTIAL: Final = 0.25
 """Worth of floor from which all reflectors needed are in view, beside 1 for good floor."""
 IN_THE_END: Final = 0.01
@@ -125,11 +128,12 @@ class Search:
             progress(0.6 * number / len(starts))
         most = max(placed, key=lambda chosen: self._completes(none, chosen, IN_THE_END))
         # The best by number in view, and the best by all criteria so far.
-        ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=_worth)]
-        state = max((self._exchanged_by_all(end) for end in ends), key=_worth)
+        ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=WORTH)]
+        state = max(map(self._exchanged_by_all, ends), key=WORTH)
         progress(0.9)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
-            better = self._best(state.chosen, self._first(state.chosen, state.positioning))
+            rivals = self._best_candidates(state.chosen, state.positioning)
+            better = self._best(state.chosen, rivals)
             if better is None or better.worth <= state.worth + LEAST:
                 break
             state = better
@@ -295,13 +299,13 @@ class Search:
             seen = self.views[chosen][:, vain].sum(axis=(1, 2))
             k = chosen[int(np.argsort(-seen, kind="stable")[unchanged])]
             others = tuple(i for i in chosen if i != k)
-            best = self._best(others, self._first(others, positioning))
+            best = self._best(others, self._best_candidates(others, positioning))
             number, unchanged = number + 1, unchanged + 1
             if best is not None and best.worth > state.worth + LEAST:
                 state, unchanged = best, 0
         return state
 
-    def _first(self, chosen: tuple[int, ...], positioning: Positioning) -> list[int]:
+    def _best_candidates(self, chosen: tuple[int, ...], positioning: Positioning) -> list[int]:
         """Return candidates that gain most by the number in view, or are seen from vain floor."""
         allowed = self._allowed(chosen)
         if not len(allowed):
@@ -315,7 +319,7 @@ class Search:
     def _best(self, chosen: tuple[int, ...], rivals: Sequence[int]) -> State | None:
         """Return the best state with one of the rivals by all criteria; None without any."""
         states = [self.state((*chosen, i)) for i in rivals]
-        return max(states, key=_worth, default=None)
+        return max(states, key=WORTH, default=None)
 
     def _order(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Return a choice in the order in which each gains most after those before it."""
@@ -325,10 +329,6 @@ class Search:
             gains = self._gains(self._count(done), np.array(left))
             done = *done, left.pop(int(np.argmax(gains)))
         return done
-
-
-def _worth(state: State) -> float:
-    return state.worth
 
 
 def _completed(count: NDArray[np.integer], needed: int) -> Floats:

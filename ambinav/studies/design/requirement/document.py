@@ -282,10 +282,10 @@ def _curve(solution: Solution) -> tuple[PointPart, ...]:
     best: dict[tuple[str, float], State] = {}
     for state in solution.states:
         key = state_label(state), round(state.cost, 4)
-        if key not in best or _left(state) < _left(best[key]):
+        if key not in best or _remaining_bad(state) < _remaining_bad(best[key]):
             best[key] = state
     counted = float(solution.before.state.areas.sum())
-    values = [(label, _left(state), cost) for (label, cost), state in best.items()]
+    values = [(label, _remaining_bad(state), cost) for (label, cost), state in best.items()]
     front = Front.of("cost", "cost", "", values)
     return tuple(
         PointPart(
@@ -301,7 +301,7 @@ def _curve(solution: Solution) -> tuple[PointPart, ...]:
     )
 
 
-def _left(state: State) -> float:
+def _remaining_bad(state: State) -> float:
     """Return what a state leaves of what is to be less: lost robots of trips, or bad floor."""
     return state.bad if state.lost is None else float(state.lost.max())
 
