@@ -6,7 +6,6 @@ import inspect
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.plugins import Registry
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import kind_of_path, refuse, refuse_image
+from ambinav.runtime.packages import need
 
 HEIGHT: Final = 0.3
 """Metres above the floor at which a building model is cut unless another height is given."""
@@ -121,7 +121,7 @@ def _read_ifc(
     furniture: bool = True,
     in_space: bool = False,
 ) -> Environment:
-    _need(path, "ifcopenshell")
+    need(f"{path}: reading it", ("ifcopenshell",), "plans")
     from ambinav.buildings.ifc.file import read_storey
     from ambinav.buildings.ifc.space import load_ifc_in_space
 
@@ -140,16 +140,10 @@ def _read_dxf(
     furniture: bool = True,
     layers: Mapping[str, str] | None = None,
 ) -> Environment:
-    _need(path, "ezdxf")
+    need(f"{path}: reading it", ("ezdxf",), "plans")
     from ambinav.buildings.dxf.file import load_dxf
 
     return load_dxf(path, unit=unit, doors=doors, glass=glass, furniture=furniture, layers=layers)
-
-
-def _need(path: Path, package: str) -> None:
-    """Raise `InputError` with the package to install if a plan's reader is missing."""
-    if find_spec(package) is None:
-        raise InputError(f'{path}: reading it needs {package}; run: pip install "ambinav[plans]".')
 
 
 MAP_SERVER: Final = MapReader(

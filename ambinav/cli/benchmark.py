@@ -12,10 +12,10 @@ from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, check_with_map
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.cli.submission import SubmissionOptions
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

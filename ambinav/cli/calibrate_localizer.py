@@ -14,10 +14,10 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.limits import Count, Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, Spacing, check_with_map
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_apart, check_file, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 if TYPE_CHECKING:
     from ambinav.forecasting.localizer_class import LocalizerClass

@@ -12,10 +12,10 @@ from ambinav.cli import options
 from ambinav.cli.gate import FleetGate
 from ambinav.cli.limits import at_least
 from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing, check_radius
-from ambinav.cli.packages import need
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import check_writable, note, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 
 if TYPE_CHECKING:
     from ambinav.reports.conditions import Condition

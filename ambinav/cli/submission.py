@@ -12,10 +12,10 @@ import typer
 
 from ambinav.cli.checks import check_suffix, conflict
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, progress_bars
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 WIDTH = 110
 """Columns of text where there is no terminal."""

@@ -13,9 +13,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.limits import above_zero, at_least
-from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import INTERRUPTED, check_writable, reporting, say
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import TRAINED, need
 
 if TYPE_CHECKING:
     from ambinav_envs.training.run import StatusCallback, TrainingStatus

@@ -19,6 +19,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 from ambinav.runtime.scalars import Scalar
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_map
 from ambinav.service.service import AmbiguityService, Pose
@@ -87,12 +88,9 @@ class Client(AmbiguityService):
         if token is not None and not (token.isascii() and token.isprintable()):
             raise InputError("token has characters that no token has; give printable ASCII.")
         as_number(patience, "patience")
-        try:
-            import httpx
-        except ModuleNotFoundError as error:
-            raise InputError(
-                'ambinav.Client needs httpx; run: pip install "ambinav[serve]".'
-            ) from error
+        need("ambinav.Client", ("httpx",), "serve")
+        import httpx
+
         self._errors = httpx.HTTPError, httpx.InvalidURL
         self._connection = url, token, patience
         self._match: dict[str, str] = {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
@@ -18,6 +17,7 @@ from ambinav.plugins import load_callable, load_module
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:
@@ -183,6 +183,5 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
 
 def _import_policies() -> ModuleType:
     """Import the environments' module of driving policies by its name."""
-    if find_spec("gymnasium") is None:
-        raise InputError('policies that drive need Gymnasium; run: pip install "ambinav[envs]"')
+    need("a policy that drives", ENVIRONMENTS)
     return load_module("ambinav_envs.policies.driving", Path())

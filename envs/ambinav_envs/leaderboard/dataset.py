@@ -15,7 +15,6 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,6 +25,7 @@ from ambinav import __version__
 from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
+from ambinav.runtime.packages import need
 from ambinav.runtime.progress import Progress, silent, step_of
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, episode_seeds
@@ -102,9 +102,7 @@ def record_datasets(
         InputError: minari is missing, the folder is there, two data sets have the same name, an
             argument cannot be used, or a method does not fit.
     """
-    for package in ("minari", "h5py"):
-        if find_spec(package) is None:
-            raise InputError(f'a data set needs {package}; run: pip install "ambinav[minari]".')
+    need("a data set", ("minari", "h5py"), "minari")
     arguments = with_absolute_files(arguments, Path())
     if is_wrapped(environment):
         make_wrapped(environment, arguments).close()

@@ -1,4 +1,4 @@
-"""Optional packages that a command needs."""
+"""Optional packages: what to install where one is missing."""
 
 from __future__ import annotations
 
