@@ -70,7 +70,7 @@ TITLES = {
     "amcl": "Monte Carlo localization with AMCL's defaults",
     "kalman": "a Kalman filter on the ranges of every scan",
 }
-"""Of the classes of localizers, in reports."""
+"""Names of the classes of localizers in reports."""
 BAD = 0.65
 """Level above which a stretch is bad."""
 LARGE = 4000.0

@@ -91,9 +91,10 @@ class RequirementOptions:
                 f'--places: "{parsed}" is about trips between places; give a file with them, e.g. '
                 f"`{EXAMPLE}`."
             )
-        conflict("--places", self.places is not None and not is_lost, FOR_LOST)
-        for option in forecasts.given:
-            conflict(option, not is_lost, FOR_LOST)
+        if not is_lost:
+            conflict("--places", self.places is not None, FOR_LOST)
+            for option in forecasts.given:
+                conflict(option, True, FOR_LOST)
         forecasts.check()
         forecasts.check_no_program()
         trips = None if self.places is None else read_trips(self.places)
@@ -101,9 +102,8 @@ class RequirementOptions:
         costs = read_costs(self.cost)
         allowed.check(costs, str(self.cost))
         obstacles.check_used(tuple(allowed.most))
-        conflict(
-            "--keep-out", self.keep_out is not None and not allowed.most, "is about new obstacles"
-        )
+        if not allowed.most:
+            conflict("--keep-out", self.keep_out is not None, "is about new obstacles")
         for kind in allowed.most:
             obstacles.rules_of(kind)
         return Request(parsed, allowed, costs, trips, keep_out_zones(self.keep_out))

@@ -73,7 +73,7 @@ class PositionOptions:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
     def check_used(self, kinds: Collection[Kind]) -> None:
-        """Refuse what is about obstacles that are not asked for.
+        """Refuse options on kinds of obstacles that are not added.
 
         Raises:
             InputError: such an option is given.

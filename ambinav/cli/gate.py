@@ -64,7 +64,7 @@ class Gate:
 
     PANEL: ClassVar[str] = "Gate"
     COMMAND: ClassVar[str]
-    """Of the command line."""
+    """Name of the command line."""
     FIGURES: ClassVar[str]
     """Module with what conditions may name."""
 

@@ -49,7 +49,7 @@ class MissionOptions:
         return _points(self.or_goal, "--or-goal")
 
     def check(self, robot: RobotOptions, promise: PromiseOptions, result: ResultOptions) -> None:
-        """Refuse what is no place, and options that plan a single leg.
+        """Check the places, and refuse options that plan from one start to one goal.
 
         Raises:
             InputError: a value or a combination of options cannot be used.

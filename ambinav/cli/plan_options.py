@@ -105,11 +105,9 @@ class SearchOptions:
             return
         from ambinav_planners.registry import planner
 
-        for option in limits:
-            conflict(
-                option, not planner(self.planner).uses_budget,
-                f"has no effect on the planner {self.planner}, {COMPLETE}",
-            )  # fmt: skip
+        uses_budget = planner(self.planner).uses_budget
+        reason = f"has no effect on the planner {self.planner}, {COMPLETE}"
+        conflict(limits[0], not uses_budget, reason)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -153,25 +151,15 @@ class CostOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        for option, is_given in (
-            ("--clearance-weight", self.clearance_weight != 0.0),
-            ("--prefer", self.prefer is not None),
-        ):
-            conflict(
-                option,
-                is_given and search.has_belief,
-                "is not part of the cost of the belief planners",
-            )
-        conflict(
-            "--outside-weight",
-            self.outside_weight is not None and self.prefer is None,
-            "is for --prefer",
-        )
-        conflict(
-            "--comfort",
-            self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
-            "is for --clearance-weight",
-        )
+        if search.has_belief:
+            reason = "is not part of the cost of the belief planners"
+            conflict("--clearance-weight", self.clearance_weight != 0.0, reason)
+            conflict("--prefer", self.prefer is not None, reason)
+        if self.prefer is None:
+            conflict("--outside-weight", self.outside_weight is not None, "is for --prefer")
+        if self.clearance_weight == 0.0:
+            is_given = self.comfort != CostOptions.comfort
+            conflict("--comfort", is_given, "is for --clearance-weight")
 
     @property
     def adds_metres(self) -> bool:
@@ -374,22 +362,15 @@ class ResultOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
-        conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
-        conflict("--certify", self.certify and self.pareto, "is for a single weight")
-        conflict(
-            "--weight",
-            cost.weight != CostOptions.weight and self.pareto,
-            "is for a single route, and --pareto plans for --weights",
-        )
-        conflict(
-            "--picture",
-            self.picture is not None and self.pareto,
-            "is what --pareto draws by itself",
-        )
         if self.pareto:
+            reason = "is for a single route, and --pareto plans for --weights"
+            conflict("--shortest", self.shortest, "is the first route of --pareto")
+            conflict("--certify", self.certify, "is for a single weight")
+            conflict("--weight", cost.weight != CostOptions.weight, reason)
+            conflict("--picture", self.picture is not None, "is what --pareto draws by itself")
             check_writable(output)
         else:
+            conflict("--weights", self.weights is not None, "is for --pareto")
             from ambinav.export.registry import formats
 
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))

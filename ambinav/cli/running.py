@@ -64,7 +64,7 @@ def reporting() -> Iterator[None]:
 
 
 def _check_threads() -> None:
-    """Refuse a number of threads that numba would refuse while it is imported, or pass over."""
+    """Check the number of threads in the environment; numba's own error would be unclear."""
     threads = os.environ.get("NUMBA_NUM_THREADS")
     if threads is not None and not (threads.isdecimal() and int(threads) > 0):
         raise InputError(

@@ -100,8 +100,8 @@ class SpeedOptions:
                 f"--creep-speed is {self.creep_speed:g}, more than --max-speed, {fastest:g} m/s; "
                 "give less."
             )
-        conflict("--creep-speed", self.creep_speed is not None and not self.wanted,
-                 "is for --stop-sigmas")  # fmt: skip
+        if not self.wanted:
+            conflict("--creep-speed", self.creep_speed is not None, "is for --stop-sigmas")
 
     @property
     def _sigmas(self) -> float:

@@ -43,7 +43,7 @@ class VolumeOptions:
     heights: str | None = None
 
     def check(self, space: SpaceOptions, tiling: TileOptions) -> None:
-        """Refuse what is no row of heights, and options for robots on the floor.
+        """Check the heights, and refuse options for robots on the floor.
 
         Raises:
             InputError: a value or a combination of options cannot be used.

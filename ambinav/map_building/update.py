@@ -76,7 +76,7 @@ class _Update:
 
     @functools.cached_property
     def pays(self) -> bool:
-        """Whether an update is expected to take less time than to compute every pose."""
+        """True if an update is expected to take less time than to compute every pose."""
         change = self.change
         context = change.context
         seconds = build_seconds(

@@ -45,7 +45,7 @@ Elevations: TypeAlias = Annotated[tuple[Elevation, ...], some_numbers]
 FieldOfView: TypeAlias = Annotated[
     Number, _angle(lambda a: 0.0 <= a < math.pi, "a camera sees less than 180")
 ]
-"""Of a pinhole camera, radians."""
+"""Field of view of a pinhole camera, radians."""
 Mount: TypeAlias = Annotated[tuple[Number, Number, Angle], row(3, "give x, y and yaw")]
 """x and y in metres and yaw in radians, robot frame."""
 

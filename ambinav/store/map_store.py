@@ -199,7 +199,7 @@ class MapStore:
         return amap
 
     def note_opened(self, key: str, amap: AmbiguityMap) -> None:
-        """Say that a map was opened, by the names that it has now: it may be kept under others."""
+        """Report that a map was opened, by the names of its building and scanner in this call."""
         if self.notify is not None:
             self.notify(
                 f"the map of {amap.dataset.attrs['environment']} for "

@@ -51,7 +51,7 @@ GLOBAL: Final = ("mcl", "perfect")
 MOST_WALLS_STD: Final = 0.2
 """Metres. Walls that are off by more cross each other."""
 MOST_SECONDS: Final = 1e6
-"""Of waiting and of standing; in steps they stay whole numbers."""
+"""Longest time to wait or to stand still; its number of steps is still exact."""
 MOST_MAP_STD: Final = 100.0
 """Metres."""
 MOST_LATE: Final = 1000
