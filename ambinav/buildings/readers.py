@@ -72,23 +72,23 @@ def read(path: str | Path, **options: Any) -> Environment:
         refuse(f"{path}", kind_of_path(path), "a building")
         raise InputError(f"{path}: this is a folder; name the file of the building in it.")
     suffix = path.suffix.lower().removeprefix(".")
-    known = MAP_READERS.names()
-    if suffix not in known:
+    suffixes = MAP_READERS.names()
+    if suffix not in suffixes:
         raise InputError(
             f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
-            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}. (In "
-            "Python read_mesh, read_cloud and read_octomap read buildings in space.)"
+            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(suffixes)}. "
+            "(In Python read_mesh, read_cloud and read_octomap read buildings in space.)"
         )
     reader = MAP_READERS.get(suffix)
-    given = {name: value for name, value in options.items() if value is not None}
+    used_options = {name: value for name, value in options.items() if value is not None}
     takes = inspect.signature(reader.read).parameters
-    for name in given:
+    for name in used_options:
         if name not in takes:
             raise InputError(
                 f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
             )
     with MAP_READERS.calling(suffix):
-        environment = reader.read(path, **given)
+        environment = reader.read(path, **used_options)
         if not isinstance(environment, Environment):
             raise TypeError(f"it is not an Environment but {environment!r}")
     return environment

@@ -30,10 +30,10 @@ def load_drive(path: str | Path) -> RecordedDrive:
     path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     names = lines[0].split(",") if lines else []
-    wanted = ["time", "updated"]
-    wanted += [f"{prefix}{axis}" for prefix in ("odometry_", "", "estimate_") for axis in AXES]
-    wanted += [f"covariance_{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:]]
-    missing = [name for name in wanted if name not in names]
+    columns = ["time", "updated"]
+    columns += [f"{prefix}{axis}" for prefix in ("odometry_", "", "estimate_") for axis in AXES]
+    columns += [f"covariance_{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:]]
+    missing = [name for name in columns if name not in names]
     if missing:
         raise InputError(
             f"{path}: the column {missing[0]} is missing, so this is not a drive of ambinav; give "

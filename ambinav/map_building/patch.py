@@ -176,12 +176,12 @@ class Patch:
             change.check_layers(patch)
         # Many times faster than the masks themselves.
         was = change.inner(change.was_free)
-        gone, fresh = np.nonzero(was & ~free), np.nonzero(affected)
+        removed, fresh = np.nonzero(was & ~free), np.nonzero(affected)
         variables = {}
         for name in patch or names:
             before = old.variables[name]
             values = change.after.taken(before.values, change.before, _empty(name))
-            values[gone] = _empty(name)
+            values[removed] = _empty(name)
             if patch:
                 values[fresh] = patch[name]
             variables[name] = xr.DataArray(values, dims=before.dims, attrs=before.attrs)

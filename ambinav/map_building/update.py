@@ -113,11 +113,11 @@ class _Update:
         if schema.added(change.amap.dataset):
             from ambinav.layers.recompute import Changed  # only where there are some
 
-            kept = lattice.free & change.after.taken(change.was_free, change.frame, False)
+            still_free = lattice.free & change.after.taken(change.was_free, change.frame, False)
 
             def taken(values: NDArray[Any]) -> NDArray[Any]:
                 old_values = change.after.taken(values, change.before, np.nan)
-                old_values[~kept] = np.nan
+                old_values[~still_free] = np.nan
                 return old_values
 
             boxes = change.boxes if self.pays else _everywhere

@@ -86,9 +86,9 @@ def build_volume(
                 robot_radius=robot_radius, store=store, **settings,
             )  # fmt: skip
             dataset = amap.dataset
-            kept = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
-            kept = [name for name in kept if dataset[name].dtype.kind == "f" or name == "free"]
-            made.append(dataset[kept].drop_vars("theta", errors="ignore"))
+            names = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
+            names = [name for name in names if dataset[name].dtype.kind == "f" or name == "free"]
+            made.append(dataset[names].drop_vars("theta", errors="ignore"))
     fill = {name: False if name == "free" else np.nan for name in made[0].data_vars}
     volume = xr.concat(
         made, xr.Variable("z", levels, {"units": "m"}), join="outer", fill_value=fill,

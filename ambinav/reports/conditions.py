@@ -201,12 +201,12 @@ def parse_condition(
     if quantity is None:
         raise InputError(f"{option}: {text!r}: {_unknown(name, quantities, others)}")
     # Full-width and squared characters are normalized to plain ones.
-    known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
+    given_unit = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     condition = Condition(quantity, limit)
     if not math.isfinite(limit.number):
         raise InputError(f"{option}: {text!r}: {number} is too large; give a smaller limit.")
-    if known is None:
+    if given_unit is None:
         converted = _convert(condition, unit)
         if converted is not None:
             raise InputError(
@@ -219,12 +219,12 @@ def parse_condition(
             f"{option}: {text!r}: at position {start} stands {unit!r} where {offer} is expected; "
             f"give the limit {_in_unit(quantity)}."
         )
-    if known != quantity.unit:
+    if given_unit != quantity.unit:
         has = f"is in {quantity.unit}" if quantity.unit else "is a number without a unit"
-        given = f"not in {known}" if known else "and the condition gives no unit"
+        unit_text = f"not in {given_unit}" if given_unit else "and the condition gives no unit"
         raise InputError(
-            f"{option}: {text!r}: {quantity.name} {has}, {given}; "
-            f"{_remedy(condition, known, quantities)}."
+            f"{option}: {text!r}: {quantity.name} {has}, {unit_text}; "
+            f"{_remedy(condition, given_unit, quantities)}."
         )
     _check_possible(condition, text, option)
     return condition

@@ -60,10 +60,10 @@ class RunFolder:
             return path
         if not path.is_dir():
             raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-        held = sorted(path.iterdir())
-        foreign = [item.name for item in held if not (self._owns(item.name) or self._left(item))]
-        if not foreign and held and not self._proven(path):
-            foreign = [item.name for item in held]
+        items = sorted(path.iterdir())
+        foreign = [item.name for item in items if not (self._owns(item.name) or self._left(item))]
+        if not foreign and items and not self._proven(path):
+            foreign = [item.name for item in items]
         if foreign:
             raise InputError(
                 f"{folder}: this folder holds {foreign[0]}, which is not of an earlier "
@@ -112,8 +112,8 @@ class RunFolder:
                         stacklevel=3,
                     )
             if not shared:
-                kept = folder / self.kept
-                for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
+                work = folder / self.kept
+                for item in (*folder.iterdir(), *(work.iterdir() if work.is_dir() else ())):
                     if self._left(item):
                         shutil.rmtree(item)
             yield

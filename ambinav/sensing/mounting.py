@@ -121,9 +121,9 @@ def thinned_fan(beams: int, aperture: float, most: int) -> tuple[int, float]:
     if most == 1:
         return 1, 0.0
     gaps, step = beams - 1, aperture / (beams - 1)
-    for kept in range(most - 1, 0, -1):
-        stride = gaps // kept
-        spare = gaps - kept * stride
+    for spaces in range(most - 1, 0, -1):
+        stride = gaps // spaces
+        spare = gaps - spaces * stride
         if spare <= stride:
             break
-    return kept + 1, kept * stride * step
+    return spaces + 1, spaces * stride * step

@@ -125,8 +125,8 @@ def prune(
                 item.path.unlink(missing_ok=True)
     store.make_room(-1 if every else limit)  # at 0 empty files would stay
     left = {item.path for item in kept(store)}
-    gone = [size for path, size in before.items() if path not in left]
-    return len(gone), sum(gone)
+    removed_sizes = [size for path, size in before.items() if path not in left]
+    return len(removed_sizes), sum(removed_sizes)
 
 
 def _look(path: Path) -> Kept:

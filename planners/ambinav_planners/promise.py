@@ -214,14 +214,14 @@ def _searched(
     searched = []
     for part in SEARCHED_SHARES:
         share = part * max_lost
-        kept = [
+        lengths = [
             _metres(problem, route)
             for route, lost in zip(routes, forecasts.tolist(), strict=True)
             if lost <= share
         ]
         path = search_within(
             graph, forecaster, len(graph.poses) - 2, len(graph.poses) - 1, LATTICE_PART * share,
-            longest=min(kept, default=math.inf),
+            longest=min(lengths, default=math.inf),
         )  # fmt: skip
         if path is None:
             continue
@@ -271,17 +271,17 @@ def _none_keeps(max_lost: float, count: int, best: Promise) -> PromiseError:
     share = 100.0 * best.share
     which = f"on the best, {best.route.length:.1f} m long,"
     if best.driven is None:
-        known, how = "keeps", f"{which} {share:.1f} % are forecast to get lost"
+        verb, how = "keeps", f"{which} {share:.1f} % are forecast to get lost"
     else:
         # On some the drives were too few to say.
-        known = "keeps" if best.driven.side == "above" else "is shown to keep"
+        verb = "keeps" if best.driven.side == "above" else "is shown to keep"
         low, high = 100.0 * best.driven.probability.low, 100.0 * best.driven.probability.high
         how = (
             f"{which} {share:.1f} % (95 % interval {low:.1f} to {high:.1f}) of "
             f"{len(best.driven)} driven robots get lost"
         )
     return PromiseError(
-        f"none of {count} routes {known} to {100.0 * max_lost:g} % of robots lost; {how}; allow "
+        f"none of {count} routes {verb} to {100.0 * max_lost:g} % of robots lost; {how}; allow "
         "more, or choose another scanner or odometry.",
         best,
     )

@@ -107,11 +107,11 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     after = np.empty(len(xy), dtype=np.int64)
     _bridge(xy, first, depth, after)
     _undo_crossed_bridges(xy, first, ring, after)
-    kept = np.zeros(len(xy), dtype=np.bool_)
-    kept[after[after >= 0]] = True
-    few = np.bincount(ring[kept], minlength=len(rings)) < 3
-    kept |= few[ring]
-    made = shapely.linearrings(xy[kept], indices=ring[kept])
+    keeps = np.zeros(len(xy), dtype=np.bool_)
+    keeps[after[after >= 0]] = True
+    few = np.bincount(ring[keeps], minlength=len(rings)) < 3
+    keeps |= few[ring]
+    made = shapely.linearrings(xy[keeps], indices=ring[keeps])
     holes = np.flatnonzero(~is_shell)
     cut = shapely.multipolygons(
         shapely.polygons(made[is_shell])

@@ -105,11 +105,11 @@ class Site:
         """
         step, fine = max(int(spacing / self.lattice.spacing + 1e-9), 1), self.lattice
         index = np.ascontiguousarray(fine.index[::step, ::step])
-        x, y, kept = fine.x[::step], fine.y[::step], index[index >= 0].astype(np.int64)
-        if not len(kept):
+        x, y, rows = fine.x[::step], fine.y[::step], index[index >= 0].astype(np.int64)
+        if not len(rows):
             return self, np.arange(len(self.possible))
         lattice = Lattice(fine.environment, step * fine.spacing, x, y, index >= 0)
-        return replace(self, lattice=lattice, possible=self.possible[kept]), kept
+        return replace(self, lattice=lattice, possible=self.possible[rows]), rows
 
     @property
     def poses(self) -> Floats:
