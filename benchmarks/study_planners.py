@@ -15,6 +15,7 @@ import gc
 import sys
 import time
 from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,10 @@ TOO_LARGE = ("infinite-corridor",)
 SIZES = {"small": 20_000, "middle": 60_000, "large": sys.maxsize}
 # Gaps within so many per cent are taken for equal: the accuracy of the reference.
 SAME = 0.1
+COLUMNS = (
+    "found", "gap %: median", "90 %", "worst", "first path s", "took s: median (extremes)",
+    "MB: median (most)",
+)  # fmt: skip
 Row = dict[str, Any]
 
 
@@ -225,6 +230,44 @@ def of(rows: Iterable[Row], **values: Any) -> list[Row]:
     return [row for row in rows if all(row[key] == value for key, value in values.items())]
 
 
+def table_by_planner(rows: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of all planners in all settings."""
+    autos = {name: "reference" if name.startswith("r2") else "prmstar" for name in settings()}
+    return [
+        (
+            setting,
+            planner,
+            *line(of(rows, setting=setting, planner=planner)),
+            against(of(rows, setting=setting), planner, autos[setting]),
+        )
+        for setting, planners in settings().items()
+        for planner in planners
+    ]
+
+
+def table_by_size(rows: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of the best planner by size of map."""
+    lines = []
+    for setting, size in product(settings(), SIZES):
+        here = of(rows, setting=setting, size=size)
+        if here:
+            name = best_planner(here)
+            maps = len({row["map"] for row in here})
+            lines.append((setting, size, name, maps, *line(of(here, planner=name))))
+    return lines
+
+
+def table_by_map(rows: list[Row], kept: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of the best planners on each map."""
+    lines = []
+    for name in dict.fromkeys(row["map"] for row in kept):
+        cells, lattice = (of(kept, map=name)[0][key] for key in ("cells", "lattice"))
+        planned = [of(rows, map=name, setting=setting) for setting in settings()]
+        best = (best_planner(part) if part else "-" for part in planned)
+        lines.append((name, *best, cells, f"{lattice:.2f}"))
+    return lines
+
+
 def main() -> None:
     """Plan and report."""
     args = arguments(
@@ -241,37 +284,8 @@ def main() -> None:
     rows = with_gaps(kept)
     for row in rows:
         row["size"] = next(name for name, most in SIZES.items() if row["cells"] <= most)
-    autos = {name: "reference" if name.startswith("r2") else "prmstar" for name in settings()}
-    head = (
-        "found", "gap %: median", "90 %", "worst", "first path s", "took s: median (extremes)",
-        "MB: median (most)",
-    )  # fmt: skip
-    every = [
-        (
-            setting,
-            planner,
-            *line(of(rows, setting=setting, planner=planner)),
-            against(of(rows, setting=setting), planner, autos[setting]),
-        )
-        for setting, planners in settings().items()
-        for planner in planners
-    ]
-    by_size = []
-    for setting in settings():
-        for size in SIZES:
-            here = of(rows, setting=setting, size=size)
-            if here:
-                name = best_planner(here)
-                maps = len({row["map"] for row in here})
-                by_size.append((setting, size, name, maps, *line(of(here, planner=name))))
-    by_map = []
-    for name in dict.fromkeys(row["map"] for row in kept):
-        here = of(rows, map=name)
-        cells, lattice = (of(kept, map=name)[0][key] for key in ("cells", "lattice"))
-        best = [of(here, setting=setting) for setting in settings()]
-        by_map.append(
-            (name, *(best_planner(part) if part else "-" for part in best), cells, f"{lattice:.2f}")
-        )
+    by_map = table_by_map(rows, kept)
+    by_planner = ("setting", "planner", *COLUMNS, "cheaper, dearer than auto")
     body = "\n\n".join(
         [
             str(__doc__).split("\n\n", 1)[1].strip(),
@@ -281,12 +295,12 @@ def main() -> None:
             "## All maps",
             "The last column counts the queries whose route is cheaper, and dearer, by more than "
             f"{SAME} % than that of `auto`; finding none is the dearest.",
-            table(("setting", "planner", *head, "cheaper, dearer than auto"), every, words=2),
+            table(by_planner, table_by_planner(rows), words=2),
             "## The best by size of map",
             "By cells of the lattice: small up to 20 000, middle up to 60 000. The best found most "
             f"routes; of those that did, it has the least 90th percentile of gaps, in steps of "
             f"{SAME} %; of those, it is the fastest.",
-            table(("setting", "map", "planner", "maps", *head), by_size, words=3),
+            table(("setting", "map", "planner", "maps", *COLUMNS), table_by_size(rows), words=3),
             "## The best on each map",
             table(
                 ("map", *settings(), "cells", "lattice built in s"),

@@ -218,13 +218,11 @@ def compare_scanners(
     if robot_radius is None:
         robot_radius = common_robot_radius(chosen)
     reach = find_reach(environment, robot_radius, start)
+    driven: tuple[Route, ...] = ()
     if routes is not None:
         driven = check_routes(environment, reach.radius, routes)
     elif pairs:
-        rng = rng or np.random.default_rng(0)
-        driven = sample_routes(environment, reach, pairs, rng)
-    else:
-        driven = ()
+        driven = sample_routes(environment, reach, pairs, rng or np.random.default_rng(0))
     rows: list[ScannerRow] = []
     unusable: list[UnusablePart] = []
     reasons: list[InputError] = []

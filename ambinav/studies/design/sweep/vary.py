@@ -70,9 +70,7 @@ def _yaw(part: Part) -> float | None:
 
 
 def _beams(part: Part) -> float | None:
-    if isinstance(part.layout, Planar):
-        return float(part.layout.beams)
-    return float(part.layout.count) if isinstance(part.layout, Ring) else None
+    return float(_count(part.layout)) if isinstance(part.layout, Planar | Ring) else None
 
 
 def _height(part: Part) -> float | None:
