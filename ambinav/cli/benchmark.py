@@ -118,7 +118,7 @@ def benchmark(
     """
     with reporting():
         unchanged = MethodOptions(policy=methods.policy, trust=methods.trust)
-        if submission.wanted(
+        if submission.is_given(
             methods == unchanged
             and (episode_options, building)
             == (EpisodeOptions(quick=episode_options.quick), BuildingOptions())

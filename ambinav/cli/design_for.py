@@ -93,7 +93,7 @@ class RequirementOptions:
             )
         if not is_lost:
             conflict("--places", self.places is not None, FOR_LOST)
-            for option in forecasts.given:
+            for option in forecasts.given_options:
                 conflict(option, True, FOR_LOST)
         forecasts.check()
         forecasts.check_no_program()

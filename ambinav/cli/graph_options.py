@@ -57,7 +57,7 @@ class GraphOptions:
                 ("is not for --certify, whose proof is of all free floor", result.certify),
             ):
                 conflict("--from-graph", bool(holds), reason)
-            for option in search.budget(promise.wanted):
+            for option in search.budget(promise.measures_share):
                 conflict(option, True, f"has no effect on --from-graph, {COMPLETE}")
             reason = "has no effect on --from-graph, whose routes keep to its edges"
             conflict("--no-improve", not search.improve, reason)

@@ -34,7 +34,7 @@ class MissionOptions:
     or_goal: Annotated[list[str] | None, typer.Option("--or-goal")] = None
 
     @property
-    def wanted(self) -> bool:
+    def is_given(self) -> bool:
         """True if there are stops, or other goals."""
         return bool(self.via or self.or_goal)
 

@@ -40,7 +40,7 @@ class PromiseOptions:
     drives: int | None = None
 
     @property
-    def wanted(self) -> bool:
+    def measures_share(self) -> bool:
         """True if the share of lost robots is asked for."""
         return self.threshold is not None
 
@@ -67,7 +67,7 @@ class PromiseOptions:
                 )
             reason = "is of a single route, and --pareto shows all of them"
             conflict(option, share is not None and result.pareto, reason)
-        if not self.wanted:
+        if not self.measures_share:
             conflict("--drives", self.drives is not None, "is for --verify and --max-lost")
         if self.drives is not None and self.drives < 1:
             raise InputError(f"--drives is {self.drives}; give a number of at least 1.")
@@ -82,7 +82,7 @@ class PromiseOptions:
         Raises:
             InputError: the class is of one, and it is not.
         """
-        if self.wanted and localizer.runs_command and not trust:
+        if self.measures_share and localizer.runs_command and not trust:
             raise InputError(
                 f"--localizer: drives of {localizer.title} would run with your rights; if you "
                 "trust it, add --trust."

@@ -57,7 +57,7 @@ class SpeedOptions:
     minimise: str = "cost"
 
     @property
-    def wanted(self) -> bool:
+    def bounds_speed(self) -> bool:
         """True if the forecast error bounds the speed."""
         return self.stop_sigmas is not None or self.least_time
 
@@ -100,7 +100,7 @@ class SpeedOptions:
                 f"--creep-speed is {self.creep_speed:g}, more than --max-speed, {fastest:g} m/s; "
                 "give less."
             )
-        if not self.wanted:
+        if not self.bounds_speed:
             conflict("--creep-speed", self.creep_speed is not None, "is for --stop-sigmas")
 
     @property
@@ -186,7 +186,7 @@ class SpeedOptions:
             stops: Indices of poses at which the robot stops, by name.
         """
         limits, rule, bounds = self.limits, None, {}
-        if self.wanted and forecaster is not None:
+        if self.bounds_speed and forecaster is not None:
             rule = self.rule(robot.checker.footprint.outer)
             for name, route in routes.items():
                 bounds[name] = rule.bound(forecaster.map, forecaster(route))

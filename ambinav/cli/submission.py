@@ -42,7 +42,7 @@ class SubmissionOptions:
     recorded: Path | None = None
     secret: Path | None = None
 
-    def wanted(self, alone: bool) -> bool:
+    def is_given(self, alone: bool) -> bool:
         """Return whether the frozen benchmark is driven and not the leaderboard.
 
         Args:

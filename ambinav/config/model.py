@@ -34,7 +34,7 @@ class ConfigModel(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known(cls, plain: Any) -> Any:
+    def _check_type_and_keys(cls, plain: Any) -> Any:
         if isinstance(plain, cls):
             return plain
         if not isinstance(plain, Mapping):

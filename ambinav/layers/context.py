@@ -54,7 +54,7 @@ class LayerContext:
     model: AmbiguityModel
     amap: AmbiguityMap | None = None
     mounted: RangeScanner | None = None
-    _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(
@@ -235,11 +235,11 @@ class LayerContext:
 
         Only the latest of each kind is kept, so that layers computed in a row share it.
         """
-        entry = self._kept.get(name)
+        entry = self._cache.get(name)
         if entry is None or entry[0] != key:
             # Delete the old one first: two of them may not fit into memory.
-            self._kept.pop(name, None)
-            entry = self._kept[name] = (key, make())
+            self._cache.pop(name, None)
+            entry = self._cache[name] = (key, make())
         cached: Cast = entry[1]
         return cached
 

@@ -46,12 +46,12 @@ class Patch:
 
     Attributes:
         change: Map, and the building in its present state.
-        asked: Whether each pose within reach is asked whether it sees the change; else all are
+        asks_cells: Whether each pose within reach is asked whether it sees the change; else all are
             computed.
     """
 
     change: MapChange
-    asked: bool
+    asks_cells: bool
 
     def layers(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed where the change is seen."""
@@ -102,7 +102,7 @@ class Patch:
         in_reach = np.zeros_like(stale)
         for box in change.boxes(change.seen.reach + SLACK):
             in_reach[slices_in(box, x, y)] = True
-        if not self.asked:
+        if not self.asks_cells:
             return stale | (in_reach & free)
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)

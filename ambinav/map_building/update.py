@@ -127,7 +127,7 @@ class _Update:
 
     def patched(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed where the change is seen."""
-        return Patch(self.change, self.work.asked).layers(report)
+        return Patch(self.change, self.work.asks_cells).layers(report)
 
     def built(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed as `build_map` does."""

@@ -38,11 +38,11 @@ class ExpectedWork:
     """Work of an update, by a sample of poses.
 
     Attributes:
-        asked: Whether it pays to ask each pose within reach whether it sees the change.
+        asks_cells: Whether it pays to ask each pose within reach whether it sees the change.
         share: Time for the poses that are asked or computed, by that for all poses in a build.
     """
 
-    asked: bool
+    asks_cells: bool
     share: float
 
     @classmethod

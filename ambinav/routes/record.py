@@ -106,8 +106,8 @@ def figures(route: Route) -> Figures:
             "exposure_m": route.exposure,
             "unexplored_m": route.unexplored_metres,
             "longest_bad_m": route.longest_bad,
-            "longest_corridor_m": known(route.longest_corridor),
-            "longest_open_m": known(route.longest_open),
+            "longest_corridor_m": none_if_nan(route.longest_corridor),
+            "longest_open_m": none_if_nan(route.longest_open),
             "turn_rad": route.turn,
             "duration_s": route.duration,
         }
@@ -216,6 +216,6 @@ def _longest(saved: Figures, longest: float | None, own: float, other: float) ->
     return saved.longest_bad_m if other == 0.0 else math.nan
 
 
-def known(metres: float) -> float | None:
+def none_if_nan(metres: float) -> float | None:
     """Convert a figure for files: nan, which means unknown, to None."""
     return None if math.isnan(metres) else metres

@@ -61,7 +61,9 @@ class RunFolder:
         if not path.is_dir():
             raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
         items = sorted(path.iterdir())
-        foreign = [item.name for item in items if not (self._owns(item.name) or self._left(item))]
+        foreign = [
+            item.name for item in items if not (self._owns(item.name) or self._leftover(item))
+        ]
         if not foreign and items and not self._proven(path):
             foreign = [item.name for item in items]
         if foreign:
@@ -114,14 +116,14 @@ class RunFolder:
             if not shared:
                 work = folder / self.kept
                 for item in (*folder.iterdir(), *(work.iterdir() if work.is_dir() else ())):
-                    if self._left(item):
+                    if self._leftover(item):
                         shutil.rmtree(item)
             yield
 
     def _owns(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.names)
 
-    def _left(self, path: Path) -> bool:
+    def _leftover(self, path: Path) -> bool:
         """Return whether this folder is a leftover of `files.replacing` in a killed process."""
         name, _, suffix = path.name.removeprefix(".").rpartition(".")
         ours = self._owns(name) or path.parent.name == self.kept

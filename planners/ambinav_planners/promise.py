@@ -134,7 +134,7 @@ def route_within(
     if chosen == "reference":
         # Most often the shortest route will do, and its search alone is quick.
         shortest = robot.plan(start, goal, planner_name=chosen, weight=0.0, improved=improved)
-        promise = trials.kept(shortest, float(forecaster.lost_probabilities([shortest])[0]))
+        promise = trials.promise_of(shortest, float(forecaster.lost_probabilities([shortest])[0]))
         if promise is not None:
             return promise
     front = pareto(
@@ -150,7 +150,7 @@ def route_within(
     candidates = _distinct(problem, routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
     for route, share in candidates:
-        promise = trials.kept(route, share, surely=route is likeliest)
+        promise = trials.promise_of(route, share, surely=route is likeliest)
         if promise is not None:
             return promise
     best = min(trials.driven, key=lambda promise: promise.share, default=None)
@@ -179,7 +179,7 @@ class _Trials:
         self._most = MOST_FORECAST
         self.driven: list[Promise] = []
 
-    def kept(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
+    def promise_of(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
         """Return the promise of a route with this forecast; None if it is not known to keep it.
 
         A route whose forecast leaves it no chance is driven only where it is asked for `surely`,

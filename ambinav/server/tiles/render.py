@@ -99,7 +99,7 @@ class Tiles:
         self.pyramids = pyramids
         self._like = like
         self._styles: dict[str, LayerStyle] = {}
-        self._kept: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
+        self._cache: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
         self._lock = threading.Lock()
 
     def style(self, layer: str) -> LayerStyle:
@@ -156,9 +156,9 @@ class Tiles:
         """
         key = (layer, heading, stat, z, tx, ty)
         with self._lock:
-            stored = self._kept.get(key)
+            stored = self._cache.get(key)
             if stored is not None:
-                self._kept.move_to_end(key)
+                self._cache.move_to_end(key)
                 return stored
         depth = self.pyramids.depth
         if not 0 <= z <= depth:
@@ -172,9 +172,9 @@ class Tiles:
         window = values[ty * TILE : (ty + 1) * TILE, tx * TILE : (tx + 1) * TILE]
         made = _encoded(window, self.style(layer), layer == WALLS)
         with self._lock:
-            self._kept[key] = made
-            while len(self._kept) > KEPT_TILES:
-                self._kept.popitem(last=False)
+            self._cache[key] = made
+            while len(self._cache) > KEPT_TILES:
+                self._cache.popitem(last=False)
         return made
 
 

@@ -130,7 +130,7 @@ class CorrectedPolicy(Policy):
         self.network = network
         self._corrector = Corrector(base)
         self._step = np.zeros(0, np.int64)
-        self._held = np.zeros((0, 2))
+        self._action = np.zeros((0, 2))
 
     def configure(self, parameters: NavigationParameters) -> None:
         """See `Policy`."""
@@ -148,10 +148,10 @@ class CorrectedPolicy(Policy):
         """See `Policy`."""
         seen = self._corrector.see(observations, starts)
         if len(self._step) != len(starts):
-            self._step, self._held = np.zeros(len(starts), np.int64), np.zeros((len(starts), 2))
+            self._step, self._action = np.zeros(len(starts), np.int64), np.zeros((len(starts), 2))
         self._step[starts] = 0
         due = self._step % HOLD == 0
         if due.any():
-            self._held[due] = np.nan_to_num(self.network.act(seen, starts))[due]
+            self._action[due] = np.nan_to_num(self.network.act(seen, starts))[due]
         self._step += 1
-        return self._corrector.steer(observations, starts, self._held)
+        return self._corrector.steer(observations, starts, self._action)

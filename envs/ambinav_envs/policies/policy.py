@@ -190,7 +190,7 @@ class ModelPolicy(Policy):
         super().__init__(name, environment or {}, code)
         self.model = model
         self.normalization = normalization
-        self._wanted: Plain = described(model.observation_space)
+        self._model_space: Plain = described(model.observation_space)
         self._order: tuple[str, ...] = ()
         self._state: Any = None
 
@@ -198,26 +198,26 @@ class ModelPolicy(Policy):
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
     ) -> None:
         """See `Policy`."""
-        why = misfit(self._wanted, observation_space) or action_misfit(
+        why = misfit(self._model_space, observation_space) or action_misfit(
             described(self.model.action_space), action_space
         )
         if why is not None:
             raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
         single = {ROW: observation_space}
         parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
-        self._order = tuple(self._wanted.get("parts", parts))
+        self._order = tuple(self._model_space.get("parts", parts))
         self._state = None
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
         """See `Policy`."""
         seen = {name: observations[name] for name in self._order}
-        if "parts" not in self._wanted:
+        if "parts" not in self._model_space:
             seen = {ROW: np.concatenate(list(seen.values()), axis=1)}
         if self.normalization is not None:
             seen = self.normalization(seen)
         count = len(starts)
         seen = {name: _padded(part) for name, part in seen.items()}
-        model_input: Any = seen if "parts" in self._wanted else seen[ROW]
+        model_input: Any = seen if "parts" in self._model_space else seen[ROW]
         with _one_thread():
             actions, self._state = self.model.predict(
                 model_input, state=self._state, episode_start=_padded(starts), deterministic=True

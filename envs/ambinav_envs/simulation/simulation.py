@@ -107,7 +107,7 @@ class Simulation:
         self.sites: list[Site | None] = [None] * count
         self.tasks: list[Task | None] = [None] * count
         self._scanner = scanner_arrays(parameters.scanner)
-        self._known = Sites(parameters, self._scanner)
+        self._sites = Sites(parameters, self._scanner)
         # For the threads, each of which takes one while it works; by the number of rays, of which
         # cones have more in space.
         self._scratch: defaultdict[int, list[Scratch]] = defaultdict(list)
@@ -132,7 +132,7 @@ class Simulation:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the prepared buildings, which unpickling makes again."""
         plain = self.__dict__.copy()
-        plain["_known"] = plain["_plugged"] = None
+        plain["_sites"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
@@ -140,13 +140,13 @@ class Simulation:
         """Prepare the buildings again."""
         self.__dict__.update(plain)
         self._plugged = PluggedFunctions(self.parameters)
-        self._known = Sites(self.parameters, self._scanner)
+        self._sites = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
             task = self.tasks[i]
             if key is not None and task is not None:
-                self._settle(i, self._known.of(self.source.get(key)), task)
+                self._settle(i, self._sites.of(self.source.get(key)), task)
 
     @property
     def state(self) -> NDArray[np.void]:
@@ -270,7 +270,7 @@ class Simulation:
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
-            site = self._known.of(
+            site = self._sites.of(
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
@@ -285,10 +285,10 @@ class Simulation:
         """Assign robot i to a building and a goal."""
         before = self.sites[i]
         if before is not None:
-            before.held.release(int(self.state["slot"][i]))
+            before.costs_to_go.release(int(self.state["slot"][i]))
         self.sites[i], self.tasks[i] = site, task
         self._numbers[i] = site.number
-        self.state["slot"][i] = site.held.hold(task.cost_to_go)
+        self.state["slot"][i] = site.costs_to_go.hold(task.cost_to_go)
 
     def _set_disturbances(self, i: int, disturbances: Disturbances | None) -> None:
         """Write the disturbances of robot i to the record of its starting episode."""
@@ -380,7 +380,7 @@ class Simulation:
             pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]
         for record, robots in pieces:
             full = advance(
-                record, site.held.arrays, self._scanner, self._memory, out.view, out.figures,
+                record, site.costs_to_go.arrays, self._scanner, self._memory, out.view, out.figures,
                 actions, rows, robots, scratch,
             )  # fmt: skip
             if full >= 0:

@@ -114,7 +114,7 @@ class Run:
         self._longest = source_of(config.arguments)[1].longest
         self._last: Figures | None = None
         self._clock = time.perf_counter()
-        self._whole = True
+        self._is_between_rounds = True
         self._begin(command)
 
     def _check_evaluation(self) -> None:
@@ -189,14 +189,14 @@ class Run:
             self._after_round()
             while self.share < 1.0:
                 with holding_interrupts():
-                    self._whole = False
+                    self._is_between_rounds = False
                     rate = self._round()
-                    self._whole = True
+                    self._is_between_rounds = True
                 self._after_round(rate)
             return self._end()
         except BaseException:
             # A second interrupt does not wait for the end of a round, whose beginning is lost.
-            if self._whole:
+            if self._is_between_rounds:
                 self._checkpoint()
             raise
         finally:

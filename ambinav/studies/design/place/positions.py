@@ -109,12 +109,12 @@ class Positions:
         even, step = self.spread_evenly(most - most // 2)
         least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
 
-        def wanted(points: Points) -> Bools:
+        def is_dense(points: Points) -> Bools:
             dense = self._allowed(points)
             dense[dense] = self._bad_in_range(points[dense]) >= least
             return dense
 
-        dense, _ = self._spread(most // 2, wanted)
+        dense, _ = self._spread(most // 2, is_dense)
         even_sites = {each.drawn for each in even}
         return (*even, *(each for each in dense if each.drawn not in even_sites)), step
 
@@ -145,7 +145,7 @@ class Positions:
         # The middle of an obstacle at a wall is away from where it touches it.
         reach = distance + self.rules.width
 
-        def wanted(points: Points) -> Bools:
+        def is_close(points: Points) -> Bools:
             close = np.hypot(points[:, 0] - x, points[:, 1] - y) <= reach
             close[close] = self._allowed(points[close])
             return close
@@ -153,7 +153,7 @@ class Positions:
         window = (x - reach, y - reach, x + reach, y + reach)
         return tuple(
             each
-            for each in self._sites.every(step, wanted, window)
+            for each in self._sites.every(step, is_close, window)
             if np.hypot(*np.subtract(each.middle, (x, y))) <= distance
             and self._is_clear(each)
             and self._stays_open(each)
@@ -162,7 +162,7 @@ class Positions:
     def _spread(
         self, most: int, is_allowed: Callable[[Points], Bools]
     ) -> tuple[tuple[Candidate, ...], float]:
-        """Return at most `most` candidates at wanted points, and the distance between them."""
+        """Return at most `most` candidates at allowed points, and the distance between them."""
         step = dense = STEP
         # Counted before they are created, since most are too close to each other.
         while sum(counts := self._sites.counts(step, is_allowed)) > MANY * most:

@@ -44,14 +44,14 @@ class MappedState:
     Attributes:
         state: The state, its areas by the map.
         environment: The changed building.
-        whole: Its map.
+        full_map: Its map.
         reach: Floor that the robot reaches in the building as it is.
         losses: Lost robots on the trips; None: there are no trips.
     """
 
     state: State
     environment: Environment
-    whole: AmbiguityMap
+    full_map: AmbiguityMap
     reach: Reach
     losses: TripLosses | None = None
 
@@ -59,7 +59,7 @@ class MappedState:
     def amap(self) -> AmbiguityMap:
         """The map, judged for the robot in the changed building."""
         reach = reach_of(self.environment, self.reach.radius, self.reach.start)
-        return self.whole.for_robot(reach)
+        return self.full_map.for_robot(reach)
 
     @property
     def own_areas(self) -> Floats:

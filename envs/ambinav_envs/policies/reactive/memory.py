@@ -70,7 +70,7 @@ class EchoMemory:
     def __init__(self, scan_points: ScanPoints, seconds: float, dt: float, every: float) -> None:
         self._scan_points = scan_points
         self._stride = max(1, round(every / dt))
-        self._kept = 0 if scan_points.all_around else round(seconds / (self._stride * dt))
+        self._slots = 0 if scan_points.all_around else round(seconds / (self._stride * dt))
         self._step = 0
         self._x = self._y = np.empty((0, 0, 0))
 
@@ -84,9 +84,9 @@ class EchoMemory:
             moved: Metres likewise, along the arc.
             starts: Robots whose episode has just begun, bool, shape (N,).
         """
-        if self._kept == 0:
+        if self._slots == 0:
             return x, y
-        shape = (len(x), self._kept, x.shape[1])
+        shape = (len(x), self._slots, x.shape[1])
         if self._x.shape != shape:
             self._x, self._y = np.full((2, *shape), np.inf)
         self._x[starts] = self._y[starts] = np.inf
@@ -97,7 +97,7 @@ class EchoMemory:
         old_x = np.where(out_of_view, self._x, np.inf).reshape(len(x), -1)
         old_y = np.where(out_of_view, self._y, np.inf).reshape(len(x), -1)
         if self._step % self._stride == 0:
-            slot = self._step // self._stride % self._kept
+            slot = self._step // self._stride % self._slots
             self._x[:, slot], self._y[:, slot] = x, y
         self._step += 1
         return np.concatenate([x, old_x], axis=1), np.concatenate([y, old_y], axis=1)
