@@ -280,7 +280,7 @@ def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
     )
 
 
-def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
+def sentence(subject: str, by_localizer: dict[str, list[Pair]]) -> str:
     """Return lost rates with each localizer, and with which of them a gain is shown."""
     pairs = max(by_localizer.values(), key=len)
     counts: dict[str, int] = {}
@@ -298,7 +298,7 @@ def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
         )
         shown[name] = "a gain" if high < 0.0 else "a loss" if low > 0.0 else "neither"
     ending = verdict(by_localizer, shown)
-    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
+    return f"- {subject}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
 
 
 def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
@@ -315,13 +315,13 @@ def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
         texts = {"a gain": "a gain is shown with both", "a loss": "a loss is shown with both"}
         return texts.get(both[first], "nothing is shown with either")
     # What is shown first; "a gain" comes before "a loss", and that before "neither".
-    (better, what), (other, less) = sorted(both.items(), key=lambda item: item[1])
+    (better, effect), (other, less) = sorted(both.items(), key=lambda item: item[1])
     other_text = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
     value, low, high = (100 * v for v in gains_apart(by_localizer[first], by_localizer[second]))
     apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
-        f"{what} is shown with `{better}`, {other_text}; their differences are {value:+.1f} points "
-        f"apart ({low:+.1f} to {high:+.1f}), {apart}"
+        f"{effect} is shown with `{better}`, {other_text}; their differences are {value:+.1f} "
+        f"points apart ({low:+.1f} to {high:+.1f}), {apart}"
     )
 
 

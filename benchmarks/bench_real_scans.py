@@ -172,8 +172,8 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
         f"{angle:.1f} ({weak})", own["pairs"],
     )  # fmt: skip
     missed = [
-        f"{name}, {far(max_range)}: {what} {agreement}"
-        for what, agreement in (
+        f"{name}, {far(max_range)}: {title} {agreement}"
+        for title, agreement in (
             ("same pairs, ambiguity", same["ambiguity"]),
             ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),

@@ -427,9 +427,9 @@ def drives(folder: Path) -> None:
                         continue
                     if route is None:
                         route = robot.plan(start, goal, planner_name="reference", weight=0.0)
-                    own, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
+                    reduced, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
                     driven = drive_route(
-                        env, own, ROBOT, route, localizer(kind, env, own, noise),
+                        env, reduced, ROBOT, route, localizer(kind, env, reduced, noise),
                         np.random.default_rng([SEED, pair]), RUNS, noise=noise, world=world,
                     )  # fmt: skip
                     measured = metrics(driven)

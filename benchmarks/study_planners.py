@@ -182,14 +182,14 @@ def with_gaps(rows: list[Row]) -> list[Row]:
 def line(rows: list[Row]) -> tuple[str, ...]:
     """Return the figures of one planner's rows."""
     gaps = [row["gap"] for row in rows if row["gap"] is not None]
-    found = f"{len(gaps)} / {len(rows)}"
+    found_text = f"{len(gaps)} / {len(rows)}"
     if not gaps:
-        return found, *["-"] * 6
+        return found_text, *["-"] * 6
     solved = [row for row in rows if row["gap"] is not None]
     first = [row["first"] for row in solved if row["first"] is not None]
     took, memory = ([row[key] for row in solved] for key in ("seconds", "memory"))
     return (
-        found, f"{np.median(gaps):.2f}", f"{np.percentile(gaps, 90):.2f}", f"{max(gaps):.2f}",
+        found_text, f"{np.median(gaps):.2f}", f"{np.percentile(gaps, 90):.2f}", f"{max(gaps):.2f}",
         f"{np.median(first):.2f}" if first else "-",
         f"{np.median(took):.2f} ({min(took):.2f} to {max(took):.2f})",
         f"{np.median(memory):.0f} ({max(memory):.0f})",
@@ -257,11 +257,11 @@ def table_by_size(rows: list[Row]) -> list[tuple[Any, ...]]:
     return lines
 
 
-def table_by_map(rows: list[Row], kept: list[Row]) -> list[tuple[Any, ...]]:
+def table_by_map(rows: list[Row], planned_rows: list[Row]) -> list[tuple[Any, ...]]:
     """Return the table's rows of the best planners on each map."""
     lines = []
-    for name in dict.fromkeys(row["map"] for row in kept):
-        cells, lattice = (of(kept, map=name)[0][key] for key in ("cells", "lattice"))
+    for name in dict.fromkeys(row["map"] for row in planned_rows):
+        cells, lattice = (of(planned_rows, map=name)[0][key] for key in ("cells", "lattice"))
         planned = [of(rows, map=name, setting=setting) for setting in settings()]
         best = (best_planner(part) if part else "-" for part in planned)
         lines.append((name, *best, cells, f"{lattice:.2f}"))
@@ -280,18 +280,18 @@ def main() -> None:
     )
     if not args.report_only:
         plan_all(args.rows, args.pairs, args.seconds, args.seed)
-    kept = kept_rows(args.rows)
-    rows = with_gaps(kept)
+    planned_rows = kept_rows(args.rows)
+    rows = with_gaps(planned_rows)
     for row in rows:
         row["size"] = next(name for name, most in SIZES.items() if row["cells"] <= most)
-    by_map = table_by_map(rows, kept)
+    by_map = table_by_map(rows, planned_rows)
     by_planner = ("setting", "planner", *COLUMNS, "cheaper, dearer than auto")
     body = "\n\n".join(
         [
             str(__doc__).split("\n\n", 1)[1].strip(),
             f"Queries on each of {len(by_map)} maps: {args.pairs}. {args.seconds:g} s a plan, "
             f"weight {WEIGHT:g}, a disc of {RADIUS} m, turning radius {TURNING_RADIUS} m. [plan.md]"
-            f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(kept)}.",
+            f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(planned_rows)}.",
             "## All maps",
             "The last column counts the queries whose route is cheaper, and dearer, by more than "
             f"{SAME} % than that of `auto`; finding none is the dearest.",

@@ -62,13 +62,13 @@ def check_planar(scanner: RangeScanner) -> None:
         )
 
 
-def conflict(option: str, given: bool, reason: str) -> None:
+def conflict(option: str, is_given: bool, reason: str) -> None:
     """Refuse an option that has no effect together with the others.
 
     Raises:
         InputError: it is given.
     """
-    if given:
+    if is_given:
         raise InputError(f"{option} {reason}; leave it out.")
 
 

@@ -140,20 +140,20 @@ def scanners(
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
         chosen_layers(map_options.named_layers, None)
-        known = distinct(chosen)
-        if len(known) < len(chosen):
-            note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
+        candidates = distinct(chosen)
+        if len(candidates) < len(chosen):
+            note(f"{len(chosen)} scanners are given; {len(candidates)} of them are different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
         environment, _ = replace(map_options, layers=None).load(
-            map_file, space.carrier(known), building, space, robot.robot_radius or 0.0
+            map_file, space.carrier(candidates), building, space, robot.robot_radius or 0.0
         )
         if every and environment.space is None:
-            known = _without_third_dimension(known, scanner or [])
+            candidates = _without_third_dimension(candidates, scanner or [])
         with progress_bars(as_json) as bars:
             compared = compare_scanners(
                 environment,
-                known,
+                candidates,
                 spacing=map_options.spacing,
                 radius=map_options.radius,
                 headings=map_options.headings,
@@ -168,9 +168,9 @@ def scanners(
                 costs=table_of_costs,
                 height=space.height,
                 store=options.store_of(
-                    map_options.no_store, _announcement(map_options, environment, known)
+                    map_options.no_store, _announcement(map_options, environment, candidates)
                 ),
-                progress=bars(f"{len(known)} scanners"),
+                progress=bars(f"{len(candidates)} scanners"),
             )
             if output is not None:
                 report = write_report(compared, output, bars("report"), pictures)

@@ -13,8 +13,8 @@ from ambinav.cli import options
 from ambinav.cli.running import check_writable, reporting
 
 
-def _list_kinds(wanted: bool) -> None:
-    if not wanted:
+def _list_kinds(is_given: bool) -> None:
+    if not is_given:
         return
     with reporting():
         from ambinav.export.registry import EXPORTERS

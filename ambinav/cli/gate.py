@@ -32,8 +32,8 @@ FLEET_DIFF = "ambinav.studies.fleet.difference"
 
 
 def _quantities(module: str) -> Quantities:
-    known: Quantities = import_module(module).QUANTITIES
-    return known
+    quantities: Quantities = import_module(module).QUANTITIES
+    return quantities
 
 
 def _fail_if(module: str) -> Any:

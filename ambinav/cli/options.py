@@ -119,14 +119,14 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     A `Limit` in the annotation of a parameter or a field is checked before the command runs.
     """
     hints = get_type_hints(command, include_extras=True)
-    text, _, own = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
+    text, _, entries_text = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
     groups: dict[str, Any] = {}
     limits: list[tuple[str, str, Limit]] = []
     parameters = []
     for parameter in inspect.signature(command).parameters.values():
         kind: Any = hints[parameter.name]
         if not dataclasses.is_dataclass(kind):
-            plain, info = _described(parameter.name, kind, _entries(own), limits)
+            plain, info = _described(parameter.name, kind, _entries(entries_text), limits)
             parameters.append(
                 parameter.replace(
                     annotation=Annotated[plain, info], kind=inspect.Parameter.KEYWORD_ONLY
@@ -157,8 +157,8 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             for name, option, limit in limits:
                 limit.check(values[name], option)
         for name, kind in groups.items():
-            own = {field.name: values.pop(field.name) for field in dataclasses.fields(kind)}
-            values[name] = kind(**own)
+            members = {field.name: values.pop(field.name) for field in dataclasses.fields(kind)}
+            values[name] = kind(**members)
         command(**values)
 
     expanded.__doc__ = text

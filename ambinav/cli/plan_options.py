@@ -321,8 +321,8 @@ class BeliefOptions:
         if not search.has_belief:
             return {}
         start = self.arguments(None)["belief"].start_std
-        given = {"odometry": self._noise(), "start_std": start}
-        return {name: value for name, value in given.items() if value is not None}
+        arguments = {"odometry": self._noise(), "start_std": start}
+        return {name: value for name, value in arguments.items() if value is not None}
 
     def odometry_text(self, named: str) -> str:
         """Return what to call the odometry, unless it is a named one."""

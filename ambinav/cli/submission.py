@@ -51,18 +51,18 @@ class SubmissionOptions:
         Raises:
             InputError: an option has no effect, or would change them.
         """
-        given = [name for name in ("submit", "rerun") if getattr(self, name) is not None]
-        if not given:
+        chosen = [name for name in ("submit", "rerun") if getattr(self, name) is not None]
+        if not chosen:
             for name in ("recorded", "secret"):
                 conflict(f"--{name}", getattr(self, name) is not None, "is for --submit, --rerun")
-        elif len(given) > 1:
+        elif len(chosen) > 1:
             raise InputError("--submit and --rerun are both given; give one of the two.")
         elif not alone:
             raise InputError(
-                f"--{given[0]}: the episodes of the benchmark are fixed; give only --policy, "
+                f"--{chosen[0]}: the episodes of the benchmark are fixed; give only --policy, "
                 "--trust, --recorded, --secret, --quick and --json with it."
             )
-        return bool(given)
+        return bool(chosen)
 
     def run(self, policies: Sequence[str], trust: bool, quick: bool, as_json: bool) -> None:
         """Write a submission, or drive one again.

@@ -278,7 +278,7 @@ def _match_next(
 def _unknown(name: str, quantities: Quantities, others: str) -> str:
     plain = " ".join(re.split(r"[\s_-]+", name.lower()))
     close = difflib.get_close_matches(plain, quantities, n=3, cutoff=0.5)
-    close = close or [known for known in quantities if plain in known or known in plain][:3]
+    close = close or [other for other in quantities if plain in other or other in plain][:3]
     offer = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
     return f"{name!r} is not a figure of the report; {offer}{others}."
 

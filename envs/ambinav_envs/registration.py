@@ -182,5 +182,5 @@ def with_task(arguments: Mapping[str, Any]) -> dict[str, Any]:
         replaced = ("suite", "map", "buildings", "first_building")
     elif arguments.get("suite") is not None:
         replaced = ("suite", "map")
-    kept = {name: value for name, value in fixed.items() if name not in replaced}
-    return kept | dict(arguments)
+    remaining = {name: value for name, value in fixed.items() if name not in replaced}
+    return remaining | dict(arguments)

@@ -137,8 +137,8 @@ def _undo_crossed_bridges(xy: Floats, first: Indices, ring: Indices, after: Ints
     notch = np.repeat(np.arange(len(start)), span + 1)
     step = np.arange(len(notch)) - np.repeat(np.cumsum(span + 1) - span - 1, span + 1)
     low = first[ring[start]]
-    own = low[notch] + (start[notch] - low[notch] + step) % count[notch]
-    hulls = shapely.convex_hull(shapely.linestrings(xy[own], indices=notch))
+    index = low[notch] + (start[notch] - low[notch] + step) % count[notch]
+    hulls = shapely.convex_hull(shapely.linestrings(xy[index], indices=notch))
     met, corner = shapely.STRtree(shapely.points(xy)).query(hulls, predicate="intersects")
     order = (corner - start[met]) % count[met]
     foreign = (ring[corner] != ring[start[met]]) | (order > span[met])

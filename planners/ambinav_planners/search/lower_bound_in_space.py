@@ -142,11 +142,11 @@ def _parts(
     pitch = np.array([volume.spacing, volume.spacing, volume.step])
     # Places may be half a cell beside the outermost centres of cells, but between the heights.
     beside = np.array([1, 1, 0])
-    whole = np.array([len(values) - 1 for values in axes]) + 2 * beside
+    cells_of_axis = np.array([len(values) - 1 for values in axes]) + 2 * beside
     size = _sizes(checker)
     while True:
         parts = np.ceil(pitch / size - 1e-9).astype(np.int64)
-        if 8.0 * math.prod((whole * parts).tolist()) <= most or (parts == 1).all():
+        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= most or (parts == 1).all():
             break
         size = size * math.cbrt(2.0)
     origin = np.array([values[0] for values in axes], dtype=np.float64) - beside * pitch
@@ -154,7 +154,7 @@ def _parts(
         ProofGrid(
             tuple(origin.tolist()),
             tuple((pitch / (parts * more)).tolist()),
-            np.ones(whole * parts * more, dtype=np.bool_),
+            np.ones(cells_of_axis * parts * more, dtype=np.bool_),
             np.empty(0),
         )
         for more in (1, 2)
