@@ -92,7 +92,8 @@ def _compare(
     store: bool | MapStore,
 ) -> tuple[Document, tuple[Row, ...]]:
     scenario = loaded.scenario
-    here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
+    has_policy = any(part.kind == "policy" for part in scenario.routes)
+    here = Provenance.here(*PLANNING, *(POLICIES if has_policy else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
     with loaded.named():
         amap = _load_map(loaded, out / WORK, stages, store)
@@ -146,10 +147,6 @@ def _compare(
     STUDY.write_documents(out, content, {name: name for name in drawn.values()})
     STUDY.remove_pictures(out, drawn.values())  # of an earlier scenario, or in another format
     return report, rows
-
-
-def _has_policies(loaded: ScenarioBundle) -> bool:
-    return any(part.kind == "policy" for part in loaded.scenario.routes)
 
 
 def _load_map(
