@@ -107,7 +107,7 @@ class Simulation:
         self.sites: list[Site | None] = [None] * count
         self.tasks: list[Task | None] = [None] * count
         self._scanner = scanner_arrays(parameters.scanner)
-        self._sites = Sites(parameters, self._scanner)
+        self._site_cache = Sites(parameters, self._scanner)
         # For the threads, each of which takes one while it works; by the number of rays, of which
         # cones have more in space.
         self._scratch: defaultdict[int, list[Scratch]] = defaultdict(list)
@@ -132,7 +132,7 @@ class Simulation:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the prepared buildings, which unpickling makes again."""
         plain = self.__dict__.copy()
-        plain["_sites"] = plain["_plugged"] = None
+        plain["_site_cache"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
@@ -140,13 +140,13 @@ class Simulation:
         """Prepare the buildings again."""
         self.__dict__.update(plain)
         self._plugged = PluggedFunctions(self.parameters)
-        self._sites = Sites(self.parameters, self._scanner)
+        self._site_cache = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
             task = self.tasks[i]
             if key is not None and task is not None:
-                self._settle(i, self._sites.of(self.source.get(key)), task)
+                self._settle(i, self._site_cache.of(self.source.get(key)), task)
 
     @property
     def state(self) -> NDArray[np.void]:
@@ -270,7 +270,7 @@ class Simulation:
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
-            site = self._sites.of(
+            site = self._site_cache.of(
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
