@@ -120,8 +120,8 @@ class Registry(Generic[T]):
             return self._registered[name]
         source = self._installed().get(name)
         if source is None:
-            known = self.names()
-            offer = nearest(str(name), known) if known else "install a plug-in that brings it"
+            names = self.names()
+            offer = nearest(str(name), names) if names else "install a plug-in that brings it"
             raise InputError(f"there is no {self.what} {name!r}; {offer}.")
         if isinstance(source, str):
             return self._checked(_attribute(source), name, source)
@@ -239,11 +239,11 @@ class Calling:
         for frame, _ in traceback.walk_tb(trace):
             if frame.f_globals.get("__name__", "").partition(".")[0] in roots:
                 function = frame.f_code.co_qualname
-                what = f"{function} failed ({reason(error)})"
+                problem = f"{function} failed ({reason(error)})"
                 break
         else:
-            what = f"what it gives cannot be used ({' '.join(str(error).split())})"
-        raise InputError(f"{self.whose}: {what}; fix it{self._remedy}.") from error
+            problem = f"what it gives cannot be used ({' '.join(str(error).split())})"
+        raise InputError(f"{self.whose}: {problem}; fix it{self._remedy}.") from error
 
 
 def _provider(entry: object) -> str:
@@ -288,18 +288,18 @@ def load_module(name: str, folder: Path) -> ModuleType:
         path = (folder / name).resolve()
         if not path.is_file():
             raise InputError(f"there is no file {folder / name}; give a path relative to the file")
-        known = f"ambinav_scenario_{path.stem}_{abs(hash(str(path))):x}"
-        if known in sys.modules:
-            return sys.modules[known]
-        spec = importlib.util.spec_from_file_location(known, path)
+        module_name = f"ambinav_scenario_{path.stem}_{abs(hash(str(path))):x}"
+        if module_name in sys.modules:
+            return sys.modules[module_name]
+        spec = importlib.util.spec_from_file_location(module_name, path)
         if spec is None or spec.loader is None:
             raise ImportError("it is not a Python file")
         module = importlib.util.module_from_spec(spec)
-        sys.modules[known] = module
+        sys.modules[module_name] = module
         try:
             spec.loader.exec_module(module)
         except BaseException:
-            del sys.modules[known]
+            del sys.modules[module_name]
             raise
         return module
     except InputError:

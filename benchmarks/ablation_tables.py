@@ -35,7 +35,7 @@ from ambinav.reports.table import interval_text
 PICTURED: Final = (MAIN, "recorded maps, disturbed")
 LETTERS: Final = 24
 SHOWN: Final = ("lost", "arrived", "missed", "collided", "timeout", "length", "exposure")
-"""Of each cell; by the exposure one sees whether a policy follows the route."""
+"""Figures of each cell; the exposure shows whether a policy follows the route."""
 
 
 def attribution(main: Sequence[Found]) -> str:

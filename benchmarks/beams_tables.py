@@ -106,9 +106,9 @@ def drives_part(rows: Sequence[Row], subsets: Sequence[str], scanner: str) -> st
     maps = list(dict.fromkeys(row["map"] for row in rows))
     driven = {(row["walls"], row["odometry"], row["localizer"]) for row in rows}
     conditions = sorted({case[:2] for case in driven})
-    what = {**WHAT, ALL_BEAMS: "the same with every beam of a scan (max_beams: all of them)"}
-    what["product"] += "; of 360 beams it takes 60, of 90 and fewer all"
-    names = "\n".join(f"- `{kind}`: {what[kind]}" for kind in DRIVE_LOCALIZERS)
+    meanings = {**WHAT, ALL_BEAMS: "the same with every beam of a scan (max_beams: all of them)"}
+    meanings["product"] += "; of 360 beams it takes 60, of 90 and fewer all"
+    names = "\n".join(f"- `{kind}`: {meanings[kind]}" for kind in DRIVE_LOCALIZERS)
     parts = [
         f"""## Drives on held-out maps, {scanner}
 

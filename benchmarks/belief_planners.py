@@ -146,8 +146,8 @@ def _scans(site: Site, poses: Floats) -> Floats:
 
 def _hypotheses(simulation: Simulation, i: int) -> Floats:
     """Return share and pose of each hypothesis of robot i that counts, heaviest first."""
-    found = simulation.clusters[i]
-    return found[: max(int((found[:, 0] >= LEAST).sum()), 1)]
+    clusters = simulation.clusters[i]
+    return clusters[: max(int((clusters[:, 0] >= LEAST).sum()), 1)]
 
 
 def _driven(
@@ -201,17 +201,17 @@ class Planner:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            step, found = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
+            step, hypotheses = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
             planned = self._plans.get(i)
             if self._looks:
                 known = self._known[site.building.key]
-                off = np.hypot(*(known.places - found[0, 1:3]).T)
+                off = np.hypot(*(known.places - hypotheses[0, 1:3]).T)
                 self._been[i][: len(off)] |= off <= REACHED
-            if planned is None or self._due(step, found, planned):
-                planned = step, found[:, 0].copy(), self._plan(i, site, task, found)
+            if planned is None or self._due(step, hypotheses, planned):
+                planned = step, hypotheses[:, 0].copy(), self._plan(i, site, task, hypotheses)
                 self._plans[i] = planned
             which, place, towards = planned[2]
-            x, y, theta = found[min(which, len(found) - 1), 1:]
+            x, y, theta = hypotheses[min(which, len(hypotheses) - 1), 1:]
             target = task.goal if place is None else place
             off = float(np.hypot(x - target[0], y - target[1]))
             if place is None:
@@ -222,18 +222,18 @@ class Planner:
             polar(x, y, np.cos(theta), np.sin(theta), wx, wy, points, i)
         return _driven(self._drive, observations, points, arrived)
 
-    def _due(self, step: int, found: Floats, planned: tuple[int, Floats, Any]) -> bool:
+    def _due(self, step: int, hypotheses: Floats, planned: tuple[int, Floats, Any]) -> bool:
         before = planned[1]
-        if len(found) != len(before) or step - planned[0] >= STEPS:
+        if len(hypotheses) != len(before) or step - planned[0] >= STEPS:
             return True
-        return bool(np.abs(found[:, 0] - before).max() > CHANGE)
+        return bool(np.abs(hypotheses[:, 0] - before).max() > CHANGE)
 
-    def _plan(self, i: int, site: Site, task: Any, found: Floats) -> tuple[int, Any, Any]:
+    def _plan(self, i: int, site: Site, task: Any, hypotheses: Floats) -> tuple[int, Any, Any]:
         """Return the hypothesis to drive by, a place or None for the goal, and the route there."""
-        share, poses = found[:, 0] / found[:, 0].sum(), found[:, 1:]
+        share, poses = hypotheses[:, 0] / hypotheses[:, 0].sum(), hypotheses[:, 1:]
         to_goal = task.cost_to_go.costs
-        rest = [site.lattice.distance(to_goal, x, y) for x, y, _ in poses]
-        commit = [self._end(share, k, rest[k]) for k in range(len(share))]
+        to_go = [site.lattice.distance(to_goal, x, y) for x, y, _ in poses]
+        commit = [self._end(share, k, to_go[k]) for k in range(len(share))]
         best = int(np.argmax(commit))
         if self._looks and len(share) > 1:
             known = self._known[site.building.key]
@@ -248,23 +248,23 @@ class Planner:
 
     def _end(self, share: Floats, k: int, metres: Any) -> Any:
         """Return the expected reward of driving to the goal by hypothesis k and declaring there."""
-        whole = share.sum()
+        total = share.sum()
         metres = np.where(np.isfinite(metres), metres, 1e3)
-        lost = self._missed * (whole - share[k])
-        return self._arrival * share[k] - lost - whole * self._metre * metres
+        lost = self._missed * (total - share[k])
+        return self._arrival * share[k] - lost - total * self._metre * metres
 
     def _look(
-        self, site: Site, to_goal: NDArray[np.float32], share: Floats, poses: Floats, known: Looks
+        self, site: Site, to_goal: NDArray[np.float32], share: Floats, poses: Floats, looks: Looks
     ) -> Floats:
         """Return the expected reward of a first look at each place, shape (C,).
 
         Value iteration over the sets of hypotheses that looks leave.
         """
-        many, places = len(share), len(known.places)
-        there = between(poses[0], np.column_stack([known.places, np.zeros(places)]))
-        own = [known.places] + [compose(poses[k], there)[:, :2] for k in range(1, many)]
-        scans = [known.scans] + [_scans(site, compose(poses[k], there)) for k in range(1, many)]
-        rest = [
+        many, places = len(share), len(looks.places)
+        there = between(poses[0], np.column_stack([looks.places, np.zeros(places)]))
+        own = [looks.places] + [compose(poses[k], there)[:, :2] for k in range(1, many)]
+        scans = [looks.scans] + [_scans(site, compose(poses[k], there)) for k in range(1, many)]
+        to_go = [
             np.array([site.lattice.distance(to_goal, *at) for at in own[k].tolist()])
             for k in range(many)
         ]
@@ -273,18 +273,18 @@ class Planner:
             for j, k in combinations(range(many), 2)
         }
         sets = [s for n in range(1, many + 1) for s in combinations(range(many), n)]
-        ends = {s: self._best_end(share, s, rest) for s in sets}
+        ends = {s: self._best_end(share, s, to_go) for s in sets}
         value = dict(ends)
         for _ in range(self._looks - 1):
-            value = {s: self._after(share, s, ends[s], value, alike, known.apart) for s in sets}
+            value = {s: self._after(share, s, ends[s], value, alike, looks.apart) for s in sets}
         everyone = sets[-1]
         field = _field(site, poses[0, :2])
-        first = np.array([site.lattice.distance(field, *at) for at in known.places.tolist()])
+        first = np.array([site.lattice.distance(field, *at) for at in looks.places.tolist()])
         return self._after_look(everyone, value, alike) - self._metre * first
 
-    def _best_end(self, share: Floats, members: tuple[int, ...], rest: list[Floats]) -> Floats:
-        own = share[list(members)]
-        return np.max([self._end(own, n, rest[k]) for n, k in enumerate(members)], axis=0)
+    def _best_end(self, share: Floats, members: tuple[int, ...], to_go: list[Floats]) -> Floats:
+        member_share = share[list(members)]
+        return np.max([self._end(member_share, n, to_go[k]) for n, k in enumerate(members)], axis=0)
 
     def _after_look(
         self, members: tuple[int, ...], value: dict[Any, Floats], alike: dict[Any, Any]
@@ -312,8 +312,8 @@ class Planner:
         """Return the reward from each place: an end, or the best further look."""
         if len(members) == 1:
             return end
-        whole = share[list(members)].sum()
-        further = self._after_look(members, value, alike) - self._metre * whole * apart
+        total = share[list(members)].sum()
+        further = self._after_look(members, value, alike) - self._metre * total * apart
         return np.maximum(end, further.max(axis=1))
 
 
@@ -341,16 +341,16 @@ class QMdp:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            found = _hypotheses(simulation, i)
+            hypotheses = _hypotheses(simulation, i)
             cost = np.zeros(self.HEADINGS)
-            for share, x, y, theta in found:
+            for share, x, y, theta in hypotheses:
                 for h, angle in enumerate(theta + angles):
                     at = x + self.STEP * np.cos(angle), y + self.STEP * np.sin(angle)
                     metres = site.lattice.distance(task.cost_to_go.costs, *at)
                     cost[h] += share * (metres if np.isfinite(metres) else 1e3)
             best = angles[int(np.argmin(cost))]
             points[i, 1:] = np.cos(best), np.sin(best)
-            off = np.hypot(*(found[:, 1:3] - task.goal).T)
+            off = np.hypot(*(hypotheses[:, 1:3] - task.goal).T)
             arrived[i] = (off <= p.goal_radius).all()
         return _driven(self._drive, observations, points, arrived)
 

@@ -60,7 +60,17 @@ from claim_tables import (
     route_line,
     within,
 )
-from harness import arguments, commits, in_all, kept_rows, option, report, run_script, table
+from harness import (
+    arguments,
+    commits,
+    in_all,
+    joined_rows,
+    kept_rows,
+    option,
+    report,
+    run_script,
+    table,
+)
 from localizers import LOCALIZERS, WHAT
 
 ENVIRONMENTS = ("demo", "willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
@@ -130,14 +140,9 @@ def rows_of(case: tuple[str, str], args: argparse.Namespace) -> list[Pair]:
         driven[name] = kept_rows(drives_path(args.folder, *case, where))
     pairs = []
     for name, drives in in_all(driven, BOTH, ("pair", "odometry")).items():
-        for drive in drives:
-            route = routes[drive["pair"]]
-            merged = {
-                name_of_route: {**route[name_of_route], **drive[name_of_route]}
-                for name_of_route in ROUTES
-            }
-            names = {"environment": case[0], "scanner": case[1], "localizer": name}
-            pairs.append({**drive, **merged, **names, "offered": is_offered(route)})
+        names = {"environment": case[0], "scanner": case[1], "localizer": name}
+        for row in joined_rows(routes.values(), drives, ROUTES):
+            pairs.append({**row, **names, "offered": is_offered(routes[row["pair"]])})
     return pairs
 
 
@@ -275,7 +280,7 @@ def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
     )
 
 
-def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
+def sentence(subject: str, by_localizer: dict[str, list[Pair]]) -> str:
     """Return lost rates with each localizer, and with which of them a gain is shown."""
     pairs = max(by_localizer.values(), key=len)
     counts: dict[str, int] = {}
@@ -293,7 +298,7 @@ def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
         )
         shown[name] = "a gain" if high < 0.0 else "a loss" if low > 0.0 else "neither"
     ending = verdict(by_localizer, shown)
-    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
+    return f"- {subject}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
 
 
 def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
@@ -310,13 +315,13 @@ def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
         texts = {"a gain": "a gain is shown with both", "a loss": "a loss is shown with both"}
         return texts.get(both[first], "nothing is shown with either")
     # What is shown first; "a gain" comes before "a loss", and that before "neither".
-    (better, what), (other, less) = sorted(both.items(), key=lambda item: item[1])
+    (better, effect), (other, less) = sorted(both.items(), key=lambda item: item[1])
     other_text = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
     value, low, high = (100 * v for v in gains_apart(by_localizer[first], by_localizer[second]))
     apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
-        f"{what} is shown with `{better}`, {other_text}; their differences are {value:+.1f} points "
-        f"apart ({low:+.1f} to {high:+.1f}), {apart}"
+        f"{effect} is shown with `{better}`, {other_text}; their differences are {value:+.1f} "
+        f"points apart ({low:+.1f} to {high:+.1f}), {apart}"
     )
 
 

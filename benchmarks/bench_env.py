@@ -265,12 +265,12 @@ def rows_beside_cartpole(
     ]
 
 
-def growth_of_memory(options: dict[str, Any], steps: int = 1_000_000) -> str:
+def growth_of_memory(options: dict[str, Any]) -> str:
     """Return by how much the process grows in a million steps of 64 robots, in megabytes.
 
     A tenth of the steps comes before, in which what is kept for each goal is made.
     """
-    run = Driving(64, steps // (64 * 10), options | {"window": True})
+    run = Driving(64, 1_000_000 // (64 * 10), options | {"window": True})
     run()
     before = psutil.Process().memory_info().rss
     for _ in range(10):

@@ -99,7 +99,7 @@ def content(output: Path) -> dict[str, bytes]:
 
 
 def kill_and_resume(
-    sites: Path, output: Path, spacing: float, kills: int, seed: int, wanted: dict[str, bytes]
+    sites: Path, output: Path, spacing: float, kills: int, seed: int, expected: dict[str, bytes]
 ) -> tuple[Counter[str], list[str]]:
     """Kill at random until there were so many kills and the command has come to its end.
 
@@ -128,8 +128,8 @@ def kill_and_resume(
             if process.wait() == 0:
                 break
         files = content(output)
-        names = {*wanted, *files}
-        wrong += [name for name in sorted(names) if wanted.get(name) != files.get(name)]
+        names = {*expected, *files}
+        wrong += [name for name in sorted(names) if expected.get(name) != files.get(name)]
     return counts, wrong
 
 

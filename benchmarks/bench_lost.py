@@ -70,7 +70,7 @@ TITLES = {
     "amcl": "Monte Carlo localization with AMCL's defaults",
     "kalman": "a Kalman filter on the ranges of every scan",
 }
-"""Of the classes of localizers, in reports."""
+"""Names of the classes of localizers in reports."""
 BAD = 0.65
 """Level above which a stretch is bad."""
 LARGE = 4000.0
@@ -289,12 +289,12 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
     )
     per = {name: float(shares[buildings == name].sum()) for name in np.unique(buildings)}
     three = sum(sorted(per.values())[-3:]) / shares.sum()
-    found = fitted.localizer
+    fit = fitted.localizer
     return "\n\n".join(
         [
             table(header, rows),
-            f"Class: gain {found.gain:.3g}, turn_gain {found.turn_gain:.3g}, offset "
-            f"{found.offset:.2f}, slope {found.slope:.2f}. The three buildings that lose most have "
+            f"Class: gain {fit.gain:.3g}, turn_gain {fit.turn_gain:.3g}, offset "
+            f"{fit.offset:.2f}, slope {fit.slope:.2f}. The three buildings that lose most have "
             f"{100.0 * three:.0f} % of the losses. Skill more than the longest stretch times "
             f"odometry, paired: {better}.",
         ]

@@ -107,21 +107,21 @@ def edits(page: Page, amap: an.AmbiguityMap, count: int, seed: int) -> dict[str,
     step = max(3, round(SHIFT / amap.spacing))
     counted = amap.judged.counted
     free = np.argwhere(counted[:, :-step] & counted[:, step:])
-    found: dict[str, list[float]] = {"drawn": [], "dragged": []}
+    seconds: dict[str, list[float]] = {"drawn": [], "dragged": []}
     page.page.evaluate(WATCH)
     for _ in range(count):
         row, column = free[rng.integers(len(free))]
         place = np.array([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
         at = page.pixel(place)
         page.page.get_by_role("toolbar").get_by_role("button", name="Post").click()
-        found["drawn"].append(page.edited(lambda: page.page.mouse.click(*at)))  # noqa: B023
+        seconds["drawn"].append(page.edited(lambda: page.page.mouse.click(*at)))  # noqa: B023
         page.page.get_by_role("toolbar").get_by_role("button", name="Move").click()
         near = page.pixel(place + np.array([step * amap.spacing, 0.0]))
-        found["dragged"].append(page.edited(lambda: page.drag(at, near)))  # noqa: B023
+        seconds["dragged"].append(page.edited(lambda: page.drag(at, near)))  # noqa: B023
         page.page.get_by_role("button", name="Reset").click()
         page.page.wait_for_function("() => !document.querySelectorAll('.obstacles li').length")
         page.page.wait_for_selector("#panel-edit:not([aria-busy])")
-    return found
+    return seconds
 
 
 def main() -> None:

@@ -142,8 +142,8 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
         repeats,
     )  # fmt: skip
     rows = [
-        (rays, what, timings[key].rate(len(in_order.x)), timings[key].ratio(timings[peer]))
-        for rays, what, key, peer in (
+        (rays, title, timings[key].rate(len(in_order.x)), timings[key].ratio(timings[peer]))
+        for rays, title, key, peer in (
             ("whole scans", "Embree", "embree", "embree"),
             ("whole scans", "`RangeScanner.scan`", "scan", "embree"),
             ("whole scans", "`scan_rays`", "scan_rays", "embree"),

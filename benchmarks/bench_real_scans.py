@@ -43,6 +43,16 @@ SQUARE = 5.0
 SEED = 0
 # Where the scan shows a weak direction: major less minor is at least this.
 WEAK = 0.3
+PAIR_COLUMNS = (
+    "log", "range", "pairs", "poses", "ambiguity of a pose", "of explained beams",
+    "by their number alone", "at equal number", "level of a pose", "pairs",
+    "pairs, by distance alone", "pairs at equal distance", "poses at equal distance",
+)  # fmt: skip
+POSE_COLUMNS = (
+    "log", "range", "poses", "level", "major", "minor", "median level map / scan",
+    "weak direction off by, degrees (poses)", "map's level, pairs at equal distance",
+)  # fmt: skip
+LOG_COLUMNS = ("log", "scans", "path m", "median step m", "no return", "segments", "scans not free")
 
 
 def read(name: str) -> Log:
@@ -162,8 +172,8 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
         f"{angle:.1f} ({weak})", own["pairs"],
     )  # fmt: skip
     missed = [
-        f"{name}, {far(max_range)}: {what} {agreement}"
-        for what, agreement in (
+        f"{name}, {far(max_range)}: {title} {agreement}"
+        for title, agreement in (
             ("same pairs, ambiguity", same["ambiguity"]),
             ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),
@@ -226,47 +236,11 @@ What each column means is in docs/real-scans.md.
 Pairs within {PAIR_RADIUS:g} m and 60 degrees of heading, no wall between them, neither scan in the
 map that predicts.
 
-{
-        table(
-            (
-                "log",
-                "range",
-                "pairs",
-                "poses",
-                "ambiguity of a pose",
-                "of explained beams",
-                "by their number alone",
-                "at equal number",
-                "level of a pose",
-                "pairs",
-                "pairs, by distance alone",
-                "pairs at equal distance",
-                "poses at equal distance",
-            ),
-            first_rows,
-            2,
-        )
-    }
+{table(PAIR_COLUMNS, first_rows, 2)}
 
 ## The map's own figures at the pose, against those of the scan alone
 
-{
-        table(
-            (
-                "log",
-                "range",
-                "poses",
-                "level",
-                "major",
-                "minor",
-                "median level map / scan",
-                "weak direction off by, degrees (poses)",
-                "map's level, pairs at equal distance",
-            ),
-            second_rows,
-            2,
-        )
-    }
+{table(POSE_COLUMNS, second_rows, 2)}
 
 ## Below {TARGET:g}
 
@@ -274,12 +248,7 @@ map that predicts.
 
 ## The logs
 
-{
-        table(
-            ("log", "scans", "path m", "median step m", "no return", "segments", "scans not free"),
-            log_rows,
-        )
-    }
+{table(LOG_COLUMNS, log_rows)}
 """
     report("Real scans: predicted against measured ambiguity", LIBRARIES, body, args.out)
 

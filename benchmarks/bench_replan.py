@@ -32,8 +32,8 @@ def main() -> None:
             planner = Replanner(robot, goal)
             first = planner.replan(start).route
             x, y, _ = first.poses[len(first.poses) // 4]
-            rest = first.poses[len(first.poses) // 4 :]
-            middle = shapely.Point(rest[len(rest) // 2, :2]).buffer(0.3)
+            remaining = first.poses[len(first.poses) // 4 :]
+            middle = shapely.Point(remaining[len(remaining) // 2, :2]).buffer(0.3)
             barred = RoutePlanner(robot.service, footprint=RADIUS, keep_out=middle.buffer(RADIUS))
             for step, obstacles, fresh in zip(
                 STEPS, (None, middle, shapely.GeometryCollection()), (robot, barred, robot),

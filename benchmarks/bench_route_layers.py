@@ -30,7 +30,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import arguments, commits, in_all, kept_rows, option, report, run_script, table
+from harness import (
+    arguments,
+    commits,
+    in_all,
+    joined_rows,
+    kept_rows,
+    option,
+    report,
+    run_script,
+    table,
+)
 from localizers import LOCALIZERS, WHAT
 from numpy.typing import NDArray
 from route_layers_case import LAYERS, ROUTES, drives_path, routes_path
@@ -88,16 +98,10 @@ def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
             where = argparse.Namespace(**{**vars(args), "seed": seed, "localizer": name})
             rows = kept_rows(drives_path(args.folder, *case, where))
             driven[name] = [row for row in rows if row["pair"] < args.pairs]
-        routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, where))}
+        routes = kept_rows(routes_path(args.folder, *case, where))
         for name, drives in in_all(driven, args.localizers, ("pair",)).items():
-            for drive in drives:
-                route = routes[drive["pair"]]
-                merged = {
-                    name_of_route: {**route[name_of_route], **drive[name_of_route]}
-                    for name_of_route in ROUTES
-                }
-                names = {"environment": case[0], "scanner": case[1], "localizer": name}
-                pairs.append({**drive, **merged, **names, "seed": seed})
+            names = {"environment": case[0], "scanner": case[1], "localizer": name, "seed": seed}
+            pairs += [{**row, **names} for row in joined_rows(routes, drives, ROUTES)]
     return pairs
 
 

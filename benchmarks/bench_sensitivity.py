@@ -96,10 +96,10 @@ def rows(cases: list[dict[str, Any]]) -> list[tuple[str, ...]]:
         for case in cases:
             plain, level = case["levels"]["default", ""], list(case["levels"].values())[k]
             error = case["error"]
-            known = np.isfinite(level)
-            change.append((level - plain)[known])
-            scores.append(auc(level[known], error[known] > BAD))
-            ranks.append(float(spearmanr(level[known], error[known]).statistic))
+            is_finite = np.isfinite(level)
+            change.append((level - plain)[is_finite])
+            scores.append(auc(level[is_finite], error[is_finite] > BAD))
+            ranks.append(float(spearmanr(level[is_finite], error[is_finite]).statistic))
         moved = np.concatenate(change)
         shown = shown if len({list(c["levels"])[k] for c in cases}) == 1 else f"{shown} and like"
         lines.append(

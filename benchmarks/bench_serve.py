@@ -44,10 +44,10 @@ def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> st
     x, y = poses(amap, BATCH, rng)
     field, zeros, out = service.density, np.zeros(BATCH), np.empty(BATCH)
     possible = field.free[:, :, np.newaxis] if field.possible is None else field.possible
-    given = (field.values, possible, *field.origin, 1.0 / field.spacing, np.inf, out)
+    arguments = (field.values, possible, *field.origin, 1.0 / field.spacing, np.inf, out)
 
     def kernel() -> None:
-        run_rows(values_at, BATCH, x, y, zeros, *given, least=2048)
+        run_rows(values_at, BATCH, x, y, zeros, *arguments, least=2048)
 
     spent: dict[Callable[[], object], list[float]] = {kernel: [], lambda: service.cost(x, y): []}
     for _ in range(rounds + 3):

@@ -134,10 +134,10 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     """Return all drives of a building, new or stored; one line of a file for each group."""
     numba.set_num_threads(1)
     path = args.folder / f"{name}_{args.pairs}_{args.drawn}_{args.runs}_{args.seed}.jsonl"
-    known = {row["key"]: row for row in kept_rows(path)}
+    by_key = {row["key"]: row for row in kept_rows(path)}
     if args.report_only:
         # Localizers changed since then have other labels.
-        return [row for row in known.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
+        return [row for row in by_key.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
     environment = environment_of(name)
     scanner = RangeScanner.from_preset(PRESET)
     amap = build_map(environment, scanner, store=False)
@@ -148,7 +148,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
             for number, pair in chosen:
                 for which, route in pair.items():
                     key = json.dumps([study, scanners.name, label, open_loop, number, which])
-                    if key not in known:
+                    if key not in by_key:
                         row = {
                             "key": key, "study": study, "scanner": scanners.name, "label": label,
                             "open_loop": open_loop, "environment": name, "pair": number,
@@ -159,9 +159,9 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
                         runs = drives_of(
                             environment, scanners, route, guide, rng, args.runs, noise, open_loop
                         )
-                        known[key] = row | measured(runs, amap)
-                        append(known[key])
-                    rows.append(known[key])
+                        by_key[key] = row | measured(runs, amap)
+                        append(by_key[key])
+                    rows.append(by_key[key])
     return rows
 
 
@@ -170,15 +170,15 @@ def groups(
 ) -> Iterator[tuple[str, RangeScanner, str, dict[str, Any] | None, bool]]:
     """Return study, scanner, localizer's name and parameters, and whether the loop is open."""
     for open_loop in (True, False):
-        for label, given in LOCALIZERS.items():
-            yield "localizers", replace(ring, name=RING), label, given, open_loop
-    for label, given in LOCALIZERS.items():
-        yield "rough odometry", replace(ring, name=RING), label, given, True
+        for label, parameters in LOCALIZERS.items():
+            yield "localizers", replace(ring, name=RING), label, parameters, open_loop
+    for label, parameters in LOCALIZERS.items():
+        yield "rough odometry", replace(ring, name=RING), label, parameters, True
     for scanner in scanners(ring):
         for label in (PRODUCT, FIELD_PRODUCT, EKF):
             yield "cones", scanner, label, LOCALIZERS[label], True
-    for label, given in SETTINGS.items():
-        yield "settings", replace(ring, name=RING), label, given, True
+    for label, parameters in SETTINGS.items():
+        yield "settings", replace(ring, name=RING), label, parameters, True
 
 
 def scanners(ring: RangeScanner) -> Iterator[RangeScanner]:
@@ -229,7 +229,7 @@ def drives_of(
     environment: Environment,
     scanner: RangeScanner,
     route: Route,
-    given: dict[str, Any] | None,
+    parameters: dict[str, Any] | None,
     rng: np.random.Generator,
     runs: int,
     noise: OdometryNoise,
@@ -237,14 +237,14 @@ def drives_of(
 ) -> Drives:
     """Drive a route with a localizer of these parameters; None: the Kalman filter."""
     guide: Localizer | MclParameters
-    if given is None:
+    if parameters is None:
         model = noise.modelled_every(ROBOT.max_speed / RATE, ROBOT.max_turn_rate / RATE)
         guide = ExtendedKalmanFilter(environment, scanner, model, runs=runs)
     else:
         alphas = {key: getattr(noise.modelled, key) for key in ALPHAS if key != "alpha5"}
         # The ring's settings stay where it has single rays: one thing is changed at a time.
         ring = RangeScanner.from_preset(PRESET)
-        guide = MclParameters.for_scanner(ring, **alphas, **given)
+        guide = MclParameters.for_scanner(ring, **alphas, **parameters)
     with warnings_off():
         return drive_route(
             environment, scanner, ROBOT, route, guide, rng, runs, noise=noise,
@@ -336,22 +336,22 @@ def results(
     for (value,) in unique((row[key],) for row in rows):
         cells: list[object] = [value, len(joined([r for r in rows if r[key] == value], "lost"))]
         for route in ROUTES:
-            own = [row for row in rows if row[key] == value and row["route"] == route]
-            if not own:
+            case_rows = [row for row in rows if row[key] == value and row["route"] == route]
+            if not case_rows:
                 cells += ["not driven yet"] * 4
                 continue
             rng = np.random.default_rng(0)
-            lost = share(joined(own, "lost")).scaled(100.0)
-            error = bootstrap(joined(own, "error"), rng)
+            lost = share(joined(case_rows, "lost")).scaled(100.0)
+            error = bootstrap(joined(case_rows, "error"), rng)
             cells += [
                 f"{lost.value:.0f} ({lost.low:.0f} to {lost.high:.0f})",
                 f"{error.value:.2f} ({error.low:.2f} to {error.high:.2f})",
-                f"{np.median(joined(own, 'error')):.2f}",
+                f"{np.median(joined(case_rows, 'error')):.2f}",
             ]
             if closed:
-                cells.append(f"{100.0 * joined(own, 'collided').mean():.0f}")
+                cells.append(f"{100.0 * joined(case_rows, 'collided').mean():.0f}")
             else:
-                cells.append(f"{np.nanmedian(joined(own, 'nees')):.1f}")
+                cells.append(f"{np.nanmedian(joined(case_rows, 'nees')):.1f}")
         lines.append(cells)
     return table(header, lines, len(words))
 
@@ -376,8 +376,8 @@ def by_building(rows: list[dict[str, Any]]) -> str:
     for (label,) in unique((row["label"],) for row in rows):
         cells = [label]
         for building in buildings:
-            own = [r for r in rows if r["label"] == label and r["environment"] == building]
-            lost = 100.0 * joined(own, "lost")
+            case_rows = [r for r in rows if r["label"] == label and r["environment"] == building]
+            lost = 100.0 * joined(case_rows, "lost")
             cells.append(f"{lost.mean():.0f}" if len(lost) else "not driven yet")
         lines.append(cells)
     return table(("localizer", *buildings), lines)
@@ -388,16 +388,16 @@ def in_words(rows: list[dict[str, Any]]) -> str:
     sentences = []
     keys = ("study", "open_loop", "label")
     for case in unique(tuple(row[key] for key in keys) for row in rows):
-        own = [row for row in rows if tuple(row[key] for key in keys) == case]
+        case_rows = [row for row in rows if tuple(row[key] for key in keys) == case]
         study, open_loop, label = case
-        lost = share(joined(own, "lost")).scaled(100.0)
-        buildings = ", ".join(dict.fromkeys(row["environment"] for row in own))
+        lost = share(joined(case_rows, "lost")).scaled(100.0)
+        buildings = ", ".join(dict.fromkeys(row["environment"] for row in case_rows))
         noise = ROUGH if study == "rough odometry" else NOISE
         sentences.append(
             f"- {label}, {'open' if open_loop else 'closed'} loop, odometry of "
             f"{18 * noise.scale:g} degrees and {24 * noise.scale:g} cm in a metre, {buildings}: "
             f"{lost.value:.1f} % ({lost.low:.1f} to {lost.high:.1f}) of {lost.count} runs lost, "
-            f"median of the 95 % error {np.median(joined(own, 'error')):.2f} m."
+            f"median of the 95 % error {np.median(joined(case_rows, 'error')):.2f} m."
         )
     return "\n".join(sentences)
 
@@ -406,10 +406,10 @@ def lost_in(rows: list[dict[str, Any]]) -> str:
     """Return lost runs by the zone in which the error first was too large."""
     lines = []
     for (label,) in unique((row["label"],) for row in rows):
-        own = [row for row in rows if row["label"] == label]
-        zones = [zone for row in own for zone in row["lost_in"]]
-        again = int(joined(own, "found_again").sum())
-        lines.append((label, len(zones), *(zones.count(zone) for zone in ZONES), again))
+        case_rows = [row for row in rows if row["label"] == label]
+        zones = [zone for row in case_rows for zone in row["lost_in"]]
+        found_again = int(joined(case_rows, "found_again").sum())
+        lines.append((label, len(zones), *(zones.count(zone) for zone in ZONES), found_again))
     header = ("localizer", "runs lost", *(f"in {zone}" for zone in ZONES), "right again at the end")
     return table(header, lines)
 

@@ -193,8 +193,8 @@ def kill_often(count: int, seed: int, out: Path | None) -> bool:
                 try:
                     build.wait(float(rng.uniform(0.0, PAUSE)))
                 except subprocess.TimeoutExpired:
-                    what = "worker" if rng.random() < 0.6 else "build"
-                    kills[what] += end(build, what, rng)
+                    victim = "worker" if rng.random() < 0.6 else "build"
+                    kills[victim] += end(build, victim, rng)
                 killing = sum(kills.values()) < count
             build.wait()
             if build.returncode == 0:
@@ -209,11 +209,11 @@ def kill_often(count: int, seed: int, out: Path | None) -> bool:
     return maps == same
 
 
-def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> int:
+def end(build: subprocess.Popen[bytes], victim: str, rng: np.random.Generator) -> int:
     """Kill a build or one of its workers; return 1 if there was one."""
     try:
         target = psutil.Process(build.pid)
-        if what == "worker":
+        if victim == "worker":
             # The others belong to multiprocessing.
             workers = [
                 child for child in target.children() if "spawn_main" in " ".join(child.cmdline())
@@ -229,7 +229,7 @@ def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> 
 
 def main() -> None:
     """Read the command line and run what it asks for."""
-    given = arguments(
+    args = arguments(
         __doc__,
         tile=option(20.0, "metres"),
         repeats=3,
@@ -237,12 +237,12 @@ def main() -> None:
         seed=25,
         case=option(None, argparse.SUPPRESS, nargs=3),
     )
-    if given.case:
-        case(given.case[0], int(given.case[1]), float(given.case[2]))
-    elif given.kills:
-        raise SystemExit(0 if kill_often(given.kills, given.seed, given.out) else 1)
+    if args.case:
+        case(args.case[0], int(args.case[1]), float(args.case[2]))
+    elif args.kills:
+        raise SystemExit(0 if kill_often(args.kills, args.seed, args.out) else 1)
     else:
-        measure(given.tile, given.repeats, given.out)
+        measure(args.tile, args.repeats, args.out)
 
 
 if __name__ == "__main__":

@@ -208,15 +208,15 @@ def layers_of(
     case: Case, places: Sequence[Place], args: argparse.Namespace
 ) -> dict[tuple[float, float], Place]:
     """Return the layers at places, stored ones if the present code computed them."""
-    wanted = {_at(place): {"x": place["x"], "y": place["y"]} for place in places}
+    by_place = {_at(place): {"x": place["x"], "y": place["y"]} for place in places}
     path = args.folder / f"{'_'.join(case)}_{'-'.join(args.layers)}_layers.jsonl"
     key = code_digest()
     known = {_at(row): row for row in kept_rows(path) if row["code"] == key}
-    if wanted.keys() - known.keys():
+    if by_place.keys() - known.keys():
         script = str(Path(__file__).with_name("truth_layers.py"))
         done = subprocess.run(
             [sys.executable, script, *case, "--layers", *args.layers],
-            input="\n".join(json.dumps(place) for place in wanted.values()),
+            input="\n".join(json.dumps(place) for place in by_place.values()),
             capture_output=True, text=True, check=False,
         )  # fmt: skip
         if done.returncode:

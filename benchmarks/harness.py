@@ -323,6 +323,16 @@ def in_all(
     return {name: [row for row in rows if of(row) in shared] for name, rows in rows_by_name.items()}
 
 
+def joined_rows(
+    routes: Iterable[Mapping[str, Any]], drives: Iterable[Mapping[str, Any]], names: Iterable[str]
+) -> Iterator[dict[str, Any]]:
+    """Yield each drive with the figures of the routes of its pair, which have these names."""
+    by_pair = {row["pair"]: row for row in routes}
+    for drive in drives:
+        route = by_pair[drive["pair"]]
+        yield {**drive, **{name: {**route[name], **drive[name]} for name in names}}
+
+
 def commits(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the commits at which rows were made, and how many at each."""
     counts: dict[str, int] = {}

@@ -95,11 +95,11 @@ class Confirmed:
 
     def check(self, http: httpx.Client) -> int:
         """Compare what the server knows with what it confirmed; return the number of open jobs."""
-        known = [step["map"] for step in http.get(SESSION).json()["steps"]]
+        names = [step["map"] for step in http.get(SESSION).json()["steps"]]
         # The answer to the last edit may have been lost, but not the edit.
-        if known[: len(self.steps)] != self.steps or len(known) > len(self.steps) + 1:
-            self.wrong.append(f"{len(self.steps)} steps were confirmed, {len(known)} are known")
-        self.steps = known
+        if names[: len(self.steps)] != self.steps or len(names) > len(self.steps) + 1:
+            self.wrong.append(f"{len(self.steps)} steps were confirmed, {len(names)} are known")
+        self.steps = names
         left = 0
         # Of more results than these the oldest are dropped.
         newest = {
@@ -109,17 +109,17 @@ class Confirmed:
         }
         for place, before in list(self.jobs.items()):
             answer = http.get(place)
-            found = answer.json()
+            content = answer.json()
             if answer.status_code == 404 and before["state"] in ENDED and place not in newest:
                 del self.jobs[place]
                 continue
             if answer.status_code != 200:
                 self.wrong.append(f"{place}: {answer.status_code} {answer.text[:100]}")
                 continue
-            if before["state"] in ENDED and found != before:
+            if before["state"] in ENDED and content != before:
                 self.wrong.append(f"{place}: {before['state']}, and now another answer")
-            self.jobs[place] = found
-            left += found["state"] not in ENDED
+            self.jobs[place] = content
+            left += content["state"] not in ENDED
         return left
 
 

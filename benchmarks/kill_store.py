@@ -62,11 +62,11 @@ LIMIT = 70_000_000
 PHASES = ("between two maps", "opening, or waiting", "building", "packing", "writing")
 BETWEEN, OPENING, BUILDING, PACKING, WRITING = range(len(PHASES))
 AIMED = 2
-"""Of so many kills one waits until the process writes, which takes it little of its time, and then
+"""One kill in so many waits until the process writes, which is a small part of its time, and then
 for `WHILE_WRITING` seconds at the most."""
 WHILE_WRITING = 0.01
 PATIENCE = 5.0
-"""Seconds that it waits for that."""
+"""Longest time until the process writes, seconds."""
 
 
 @dataclass

@@ -46,8 +46,8 @@ ODOMETRIES = {
     **{name: odometries.ODOMETRIES[name] for name in ("good", "mediocre", "poor")},
     "skid": OdometryNoise(alpha1=0.4, alpha2=0.1, alpha3=0.8, alpha4=0.4, scale=0.4),
 }
-"""Of the robots, and known to the localizers: 2, 4 and 9 degrees and 3, 6 and 11 cm in a metre; the
-last one slips (5 degrees and 18 cm)."""
+"""Odometries of the robots, known to the localizers: errors of 2, 4 and 9 degrees and 3, 6 and
+11 cm in a metre; the last one slips (5 degrees and 18 cm)."""
 SCANNERS = ("laser-3m", "laser-4m", "laser-8m", "sonar-ring", "laser-30m", "mixed")
 DRAWN = ("hall", "corridor", "office", "warehouse", "loop", "procedural", "cluttered")
 """Suites of which buildings are drawn,"""
@@ -57,7 +57,7 @@ LEFT_OUT = ("stata_tiled_2x9_huge", "willow_full_010")
 """Recorded maps that repeat another one."""
 PLANS = ("institute", "duplex", "barcelona_pavilion", "demo")
 ROUTES = 8
-"""Of each scanner in a building; route k has the odometry k modulo 4."""
+"""Routes of each scanner in a building; route k has the odometry k modulo 4."""
 SHORTEST, LONGEST = 6.0, 70.0
 """Length of routes, metres."""
 MARGIN = 0.03

@@ -105,10 +105,10 @@ def poses(prisms: Prisms, count: int, rng: np.random.Generator) -> NDArray[np.fl
     return np.ascontiguousarray(drawn[:count])
 
 
-def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:
-    """Return the rays of a level VLP-16."""
+def vlp16(beams: int = 360) -> SpaceRays:
+    """Return the rays of a level VLP-16, half a metre above the floor."""
     azimuth = -math.pi + 2.0 * math.pi * np.arange(beams) / beams
-    return SpaceRays.layers(LAYERS, azimuth, height)
+    return SpaceRays.layers(LAYERS, azimuth, 0.5)
 
 
 def mid360() -> SpaceRays:

@@ -38,12 +38,12 @@ ODOMETRIES = {
     "skid": STUDIED["skid"],
 }
 PAIRS = 3
-"""Of a building: the longest of the routes that are sampled there."""
+"""Pairs of a start and a goal in a building: the longest of the sampled routes."""
 DRIVEN = (0.0, 1.0, 5.0, 20.0, 80.0)
 """Weights whose routes are driven."""
 MAX_LOST = 0.05
 ROUTES = ("promised", "shortest")
-"""Driven in closed loop."""
+"""Kinds of routes that are driven in closed loop."""
 RUNS, CLOSED = 32, 16
 """Drives of a route, twice, so that one half may choose pairs; and those in closed loop."""
 

@@ -105,14 +105,14 @@ class Load:
 
     def plan(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a route; there may be none."""
-        what = start_and_goal(self.amap, rng) | {"time_s": 0.3}
-        return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503, *self.full)
+        body = start_and_goal(self.amap, rng) | {"time_s": 0.3}
+        return expected(http.post(f"{MAP}/plan", json=body), 200, 422, 503, *self.full)
 
     def give_up(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a plan and close the connection."""
-        what = start_and_goal(self.amap, rng) | {"time_s": 20, "planner": "rrtstar"}
+        body = start_and_goal(self.amap, rng) | {"time_s": 20, "planner": "rrtstar"}
         try:
-            answer = http.post(f"{MAP}/plan", json=what, timeout=float(rng.uniform(0.1, 2)))
+            answer = http.post(f"{MAP}/plan", json=body, timeout=float(rng.uniform(0.1, 2)))
         except httpx.TimeoutException:
             return None
         return expected(answer, 200, 422, 503, *self.full)

@@ -110,22 +110,22 @@ def run(path: Path, seconds: float) -> None:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Return the tables of the report."""
-    known = [row for row in rows if "decision" in row]
-    advised = [row for row in known if "first" in row]
-    none = [row for row in known if row["decision"] == "none"]
+    decided = [row for row in rows if "decision" in row]
+    advised = [row for row in decided if "first" in row]
+    none = [row for row in decided if row["decision"] == "none"]
     ratio = np.array(
         [(row["bad"] - row["first_after"]) / (row["bad"] - row["best_after"]) for row in advised]
     )
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
-    held = [is_held for row in known for is_held in row.get("held", ())]
+    held = [is_held for row in decided for is_held in row.get("held", ())]
     seconds = np.median([row["seconds"] for row in advised])
     figures = [
-        ("buildings", f"{len({row['map'] for row in known})}"),
-        ("presets", f"{len({row['scanner'] for row in known})}"),
-        ("pairs of both", f"{len(known)}"),
-        ("nothing to do", f"{sum(row['decision'] == 'nothing' for row in known)}"),
-        ("nothing explored", f"{sum(row['decision'] == 'unknown' for row in known)}"),
+        ("buildings", f"{len({row['map'] for row in decided})}"),
+        ("presets", f"{len({row['scanner'] for row in decided})}"),
+        ("pairs of both", f"{len(decided)}"),
+        ("nothing to do", f"{sum(row['decision'] == 'nothing' for row in decided)}"),
+        ("nothing explored", f"{sum(row['decision'] == 'unknown' for row in decided)}"),
         ("nothing that pays", f"{len(none)}"),
         ("of these something does, in full", f"{len(missed)}"),
         ("advice", f"{len(advised)}"),
@@ -154,16 +154,16 @@ def text(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run or report."""
-    given = arguments(
+    args = arguments(
         __doc__,
         rows=option(None, "JSON lines, one a pair", type=Path, required=True),
         seconds=option(1000000000.0, "stop after so many"),
         report=option(False, "write the report of what is there"),
     )
-    if not given.report:
-        given.rows.parent.mkdir(parents=True, exist_ok=True)
-        run(given.rows, given.seconds)
-    report(TITLE, ("numpy", "numba", "shapely"), text(kept_rows(given.rows)), given.out)
+    if not args.report:
+        args.rows.parent.mkdir(parents=True, exist_ok=True)
+        run(args.rows, args.seconds)
+    report(TITLE, ("numpy", "numba", "shapely"), text(kept_rows(args.rows)), args.out)
 
 
 if __name__ == "__main__":

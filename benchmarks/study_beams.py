@@ -94,7 +94,7 @@ DRAWN = 20
 SPACING, RADIUS, SEED = 0.2, 0.5, 23
 DRIVEN = ("demo", "freiburg-079", "intel", "stata_hallways_5cm")
 WAVES, WAVE_LENGTHS, PIECE = 60, (1.0, 3.0), 0.25
-"""Of the displacement of walls: how many cosines, their lengths, and of pieces of wall, metres."""
+"""Displacement of walls: number of cosines, their lengths, and length of a piece, metres."""
 TENTH = 36
 """Beams of a further subset that is driven."""
 PAIRS, ODOMETRIES = 3, (0.25, 0.5)
@@ -427,9 +427,9 @@ def drives(folder: Path) -> None:
                         continue
                     if route is None:
                         route = robot.plan(start, goal, planner_name="reference", weight=0.0)
-                    own, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
+                    reduced, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
                     driven = drive_route(
-                        env, own, ROBOT, route, localizer(kind, env, own, noise),
+                        env, reduced, ROBOT, route, localizer(kind, env, reduced, noise),
                         np.random.default_rng([SEED, pair]), RUNS, noise=noise, world=world,
                     )  # fmt: skip
                     measured = metrics(driven)

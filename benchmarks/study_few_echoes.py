@@ -48,11 +48,11 @@ def main() -> None:
             for name in args.environments
             for laser in LASERS
         ]
-        for text, wanted in (
+        for text, expected in (
             (f"at least {NOTABLE:g} m", True),
             (f"less than {NOTABLE:g} m", False),
         ):
-            parts = [group[(group[:, 2] >= NOTABLE) == wanted] for group in groups]
+            parts = [group[(group[:, 2] >= NOTABLE) == expected] for group in groups]
             rows.append([localizer, text, *summary([part for part in parts if len(part)])])
     head = ["localizer", "few echoes on", "routes", "forecast lost, %", "driven lost, %", "points"]
     body = (

@@ -114,11 +114,11 @@ def fitted_odometry(log: Log) -> OdometryNoise:
     # heading; each step weighs by the inverse of its size, and the largest hundredth are jumps.
     factors = []
     for wrong in (heading, along):
-        kept = np.abs(wrong) <= np.quantile(np.abs(wrong), 0.99)
-        kept &= metres + turn > 0.0
-        size = (metres + turn)[kept]
-        design = np.column_stack([metres[kept] * base.distance, turn[kept] * base.angle])
-        factors.append(nnls(design / size[:, None], wrong[kept] ** 2 / size)[0])
+        usual = np.abs(wrong) <= np.quantile(np.abs(wrong), 0.99)
+        usual &= metres + turn > 0.0
+        size = (metres + turn)[usual]
+        design = np.column_stack([metres[usual] * base.distance, turn[usual] * base.angle])
+        factors.append(nnls(design / size[:, None], wrong[usual] ** 2 / size)[0])
     (turn_trans, turn_turn), (trans_trans, trans_turn) = factors
     return OdometryNoise(
         alpha1=float(turn_turn), alpha2=float(0.5 * turn_trans), alpha3=float(trans_trans),

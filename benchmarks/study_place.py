@@ -116,15 +116,15 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         "route": Region.of_route(route, f"{name}, route"),
         "floor": Region.of_polygon(line.buffer(BESIDE), f"{name}, floor beside the route"),
     }
-    for what, region in regions.items():
-        if (name, what, None, 0) in done:
+    for region_name, region in regions.items():
+        if (name, region_name, None, 0) in done:
             continue
         help_found = place_obstacles(environment, scanner, amap, rules, POSTS, reach, [region])
         drawn = random_gains(help_found, args.random, np.random.default_rng(args.seed))
         append(
             {
                 "environment": name,
-                "what": what,
+                "what": region_name,
                 "length": route.length,
                 "before": help_found.placement.before.bad,
                 "after": help_found.placement.after.bad,

@@ -121,21 +121,21 @@ class Case:
         return found, time.process_time() - begin
 
 
-def removed(found: Remedy) -> float:
+def removed(remedy: Remedy) -> float:
     """Return the bad floor that a placement removes, square metres."""
-    return found.placement.before.bad - found.placement.after.bad
+    return remedy.placement.before.bad - remedy.placement.after.bad
 
 
-def before_moves(found: Remedy) -> tuple[float, float]:
+def before_moves(remedy: Remedy) -> tuple[float, float]:
     """Return what greedy search removes from evenly spread candidates, and processor seconds."""
     begin = time.process_time()
-    setting, places = found.placement.effects.setting, found.placement.effects.places
-    effects = type(found.placement.effects)(found.environment, setting, places)
-    bad = np.column_stack(setting.lattice(found.environment)[0].points)[places.point[effects.bad]]
-    sight = found.scanner.max_range
-    allowed = Positions(found.environment, found.rules, bad, sight, found.reach.floor)
+    setting, places = remedy.placement.effects.setting, remedy.placement.effects.places
+    effects = type(remedy.placement.effects)(remedy.environment, setting, places)
+    bad = np.column_stack(setting.lattice(remedy.environment)[0].points)[places.point[effects.bad]]
+    sight = remedy.scanner.max_range
+    allowed = Positions(remedy.environment, remedy.rules, bad, sight, remedy.reach.floor)
     trials = try_alone(effects, allowed.spread_evenly(FORMER)[0])
-    placement = place(effects, trials, POSTS, found.rules.min_passage)
+    placement = place(effects, trials, POSTS, remedy.rules.min_passage)
     return placement.before.bad - placement.after.bad, time.process_time() - begin
 
 

@@ -15,6 +15,7 @@ import gc
 import sys
 import time
 from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,10 @@ TOO_LARGE = ("infinite-corridor",)
 SIZES = {"small": 20_000, "middle": 60_000, "large": sys.maxsize}
 # Gaps within so many per cent are taken for equal: the accuracy of the reference.
 SAME = 0.1
+COLUMNS = (
+    "found", "gap %: median", "90 %", "worst", "first path s", "took s: median (extremes)",
+    "MB: median (most)",
+)  # fmt: skip
 Row = dict[str, Any]
 
 
@@ -177,14 +182,14 @@ def with_gaps(rows: list[Row]) -> list[Row]:
 def line(rows: list[Row]) -> tuple[str, ...]:
     """Return the figures of one planner's rows."""
     gaps = [row["gap"] for row in rows if row["gap"] is not None]
-    found = f"{len(gaps)} / {len(rows)}"
+    found_text = f"{len(gaps)} / {len(rows)}"
     if not gaps:
-        return found, *["-"] * 6
+        return found_text, *["-"] * 6
     solved = [row for row in rows if row["gap"] is not None]
     first = [row["first"] for row in solved if row["first"] is not None]
     took, memory = ([row[key] for row in solved] for key in ("seconds", "memory"))
     return (
-        found, f"{np.median(gaps):.2f}", f"{np.percentile(gaps, 90):.2f}", f"{max(gaps):.2f}",
+        found_text, f"{np.median(gaps):.2f}", f"{np.percentile(gaps, 90):.2f}", f"{max(gaps):.2f}",
         f"{np.median(first):.2f}" if first else "-",
         f"{np.median(took):.2f} ({min(took):.2f} to {max(took):.2f})",
         f"{np.median(memory):.0f} ({max(memory):.0f})",
@@ -225,6 +230,44 @@ def of(rows: Iterable[Row], **values: Any) -> list[Row]:
     return [row for row in rows if all(row[key] == value for key, value in values.items())]
 
 
+def table_by_planner(rows: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of all planners in all settings."""
+    autos = {name: "reference" if name.startswith("r2") else "prmstar" for name in settings()}
+    return [
+        (
+            setting,
+            planner,
+            *line(of(rows, setting=setting, planner=planner)),
+            against(of(rows, setting=setting), planner, autos[setting]),
+        )
+        for setting, planners in settings().items()
+        for planner in planners
+    ]
+
+
+def table_by_size(rows: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of the best planner by size of map."""
+    lines = []
+    for setting, size in product(settings(), SIZES):
+        here = of(rows, setting=setting, size=size)
+        if here:
+            name = best_planner(here)
+            maps = len({row["map"] for row in here})
+            lines.append((setting, size, name, maps, *line(of(here, planner=name))))
+    return lines
+
+
+def table_by_map(rows: list[Row], planned_rows: list[Row]) -> list[tuple[Any, ...]]:
+    """Return the table's rows of the best planners on each map."""
+    lines = []
+    for name in dict.fromkeys(row["map"] for row in planned_rows):
+        cells, lattice = (of(planned_rows, map=name)[0][key] for key in ("cells", "lattice"))
+        planned = [of(rows, map=name, setting=setting) for setting in settings()]
+        best = (best_planner(part) if part else "-" for part in planned)
+        lines.append((name, *best, cells, f"{lattice:.2f}"))
+    return lines
+
+
 def main() -> None:
     """Plan and report."""
     args = arguments(
@@ -237,56 +280,27 @@ def main() -> None:
     )
     if not args.report_only:
         plan_all(args.rows, args.pairs, args.seconds, args.seed)
-    kept = kept_rows(args.rows)
-    rows = with_gaps(kept)
+    planned_rows = kept_rows(args.rows)
+    rows = with_gaps(planned_rows)
     for row in rows:
         row["size"] = next(name for name, most in SIZES.items() if row["cells"] <= most)
-    autos = {name: "reference" if name.startswith("r2") else "prmstar" for name in settings()}
-    head = (
-        "found", "gap %: median", "90 %", "worst", "first path s", "took s: median (extremes)",
-        "MB: median (most)",
-    )  # fmt: skip
-    every = [
-        (
-            setting,
-            planner,
-            *line(of(rows, setting=setting, planner=planner)),
-            against(of(rows, setting=setting), planner, autos[setting]),
-        )
-        for setting, planners in settings().items()
-        for planner in planners
-    ]
-    by_size = []
-    for setting in settings():
-        for size in SIZES:
-            here = of(rows, setting=setting, size=size)
-            if here:
-                name = best_planner(here)
-                maps = len({row["map"] for row in here})
-                by_size.append((setting, size, name, maps, *line(of(here, planner=name))))
-    by_map = []
-    for name in dict.fromkeys(row["map"] for row in kept):
-        here = of(rows, map=name)
-        cells, lattice = (of(kept, map=name)[0][key] for key in ("cells", "lattice"))
-        best = [of(here, setting=setting) for setting in settings()]
-        by_map.append(
-            (name, *(best_planner(part) if part else "-" for part in best), cells, f"{lattice:.2f}")
-        )
+    by_map = table_by_map(rows, planned_rows)
+    by_planner = ("setting", "planner", *COLUMNS, "cheaper, dearer than auto")
     body = "\n\n".join(
         [
             str(__doc__).split("\n\n", 1)[1].strip(),
             f"Queries on each of {len(by_map)} maps: {args.pairs}. {args.seconds:g} s a plan, "
             f"weight {WEIGHT:g}, a disc of {RADIUS} m, turning radius {TURNING_RADIUS} m. [plan.md]"
-            f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(kept)}.",
+            f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(planned_rows)}.",
             "## All maps",
             "The last column counts the queries whose route is cheaper, and dearer, by more than "
             f"{SAME} % than that of `auto`; finding none is the dearest.",
-            table(("setting", "planner", *head, "cheaper, dearer than auto"), every, words=2),
+            table(by_planner, table_by_planner(rows), words=2),
             "## The best by size of map",
             "By cells of the lattice: small up to 20 000, middle up to 60 000. The best found most "
             f"routes; of those that did, it has the least 90th percentile of gaps, in steps of "
             f"{SAME} %; of those, it is the fastest.",
-            table(("setting", "map", "planner", "maps", *head), by_size, words=3),
+            table(("setting", "map", "planner", "maps", *COLUMNS), table_by_size(rows), words=3),
             "## The best on each map",
             table(
                 ("map", *settings(), "cells", "lattice built in s"),

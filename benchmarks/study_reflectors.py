@@ -57,8 +57,8 @@ def main() -> None:
     args = arguments(__doc__, maps=("all",), seed=1)
     rows, small = [], []
     for path in (environment_path("demo"), *recorded_maps()):
-        wanted = args.maps if "all" not in args.maps else ("demo", *MAPS)
-        if path.stem not in wanted:
+        names = args.maps if "all" not in args.maps else ("demo", *MAPS)
+        if path.stem not in names:
             continue
         rng = np.random.default_rng(args.seed)
         environment = load_environment(path)

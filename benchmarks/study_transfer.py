@@ -77,8 +77,8 @@ def tables(driven: Mapping[str, Mapping[str, Episodes]]) -> str:
         shares.append((trained, *cells))
         less = []
         for robot, episodes in by_robot.items():
-            own = driven[robot][robot].ended(ARRIVED)
-            points = paired_share(episodes.ended(ARRIVED), own, group=episodes.building).scaled(
+            at_home = driven[robot][robot].ended(ARRIVED)
+            points = paired_share(episodes.ended(ARRIVED), at_home, group=episodes.building).scaled(
                 100.0
             )
             text = f"{points.value:+.0f} [{points.low:+.0f}, {points.high:+.0f}]"

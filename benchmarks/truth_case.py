@@ -131,7 +131,7 @@ def add_places(
     else:
         world = mapped
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
-    known = args.start == "known"
+    has_start = args.start == "known"
     localizer = made(args, mapped, scanner)
     # A route needs a map for its figures, which are not used.
     coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5, store=False))
@@ -141,7 +141,7 @@ def add_places(
         rng, own = np.random.default_rng([args.seed, PLACE_STREAM, number]).spawn(2)
         if number in done:
             continue
-        strokes = wander(place, LENGTH if known else UNKNOWN_LENGTH, checker, rng)
+        strokes = wander(place, LENGTH if has_start else UNKNOWN_LENGTH, checker, rng)
         if strokes is None:
             continue
         route = evaluate_route(coarse, strokes, Steering(), planner="wander")

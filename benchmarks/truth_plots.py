@@ -33,12 +33,12 @@ def scores_picture(
     names = [layers[i].replace("_", " ") for i in order]
     figure = new_figure(3.6 + 4.4 * len(scores), 4.6)
     panels = figure.subplots(1, len(scores), sharex=True, sharey=True, squeeze=False)
-    known = [
+    scored = [
         s for k, s in enumerate(next(iter(scores.values()))) if np.isfinite(values[:, k]).any()
     ]
-    offsets = np.linspace(0.24, -0.24, len(known))
+    offsets = np.linspace(0.24, -0.24, len(scored))
     for axes, (title, panel) in zip(panels[0], scores.items(), strict=True):
-        for k, scanner in enumerate(known):
+        for k, scanner in enumerate(scored):
             axes.plot(
                 np.array(panel[scanner])[order], np.arange(len(order)) + offsets[k], MARKS[k],
                 color=SERIES[k], ms=6, label=scanner,

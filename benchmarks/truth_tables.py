@@ -83,9 +83,9 @@ def body(by_localizer: dict[str, Found], unknown: bool, when: str) -> str:
         rows = []
         for name in LAYERS:
             cells = [mean_of(group, name, figure) for group in groups.values()]
-            known = [value for value in cells if not np.isnan(value)]
-            if known:
-                mean = float(np.mean(known))
+            values = [value for value in cells if not np.isnan(value)]
+            if values:
+                mean = float(np.mean(values))
                 rows.append([name, *[_cell(value) for value in cells], _cell(mean)])
         parts.append(table(("layer", *columns, "all"), rows))
     parts.append(f"## AUC by environment{when}")

@@ -175,7 +175,7 @@ def test_a_missing_package_is_named_the_same_everywhere(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    module = importlib.import_module("ambinav.cli.packages")
+    module = importlib.import_module("ambinav.runtime.packages")
     find = module.find_spec
     monkeypatch.setattr(module, "find_spec", lambda name: None if name == missing else find(name))
     done = runner.invoke(app, arguments)

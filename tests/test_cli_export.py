@@ -180,9 +180,9 @@ def test_no_folder_is_replaced(runner: CliRunner, plan_folder: Path) -> None:
 def test_a_missing_package_is_named(
     runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ambinav.export.formats import exporting
+    from ambinav.runtime import packages
 
-    monkeypatch.setattr(exporting, "find_spec", lambda name: None)
+    monkeypatch.setattr(packages, "find_spec", lambda name: None)
     result = runner.invoke(app, ["export", "map.zarr", "--to", "mcap", "-o", "m.mcap"])
     assert result.exit_code == 2
     assert 'mcap needs mcap; run: pip install "ambinav[mcap]"' in result.stderr

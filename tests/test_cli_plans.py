@@ -93,7 +93,7 @@ def test_bad_options_are_one_sentence_and_write_nothing(
 def test_a_package_that_is_missing_is_named_with_what_brings_it(
     runner: CliRunner, house: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ambinav.buildings.readers.find_spec", lambda name: None)
+    monkeypatch.setattr("ambinav.runtime.packages.find_spec", lambda name: None)
     done = runner.invoke(app, ["map", str(house), "--level", "0", *SCANNER, "-o", "m.zarr"])
     assert done.exit_code == 2
     assert 'ifcopenshell; run: pip install "ambinav[plans]"' in " ".join(done.stderr.split())

@@ -142,15 +142,15 @@ def geojson_items(label: str, node: object, tags: Tags | None) -> Iterator[Drawn
     """Yield all geometries below a GeoJSON object; without tags no properties are read."""
     if not isinstance(node, dict):
         raise InputError(f"{label} is {reprlib.repr(node)}; it must be a GeoJSON object.")
-    what = node.get("type")
-    if what in ("FeatureCollection", "GeometryCollection"):
-        key, child = ("features", "feature") if what[0] == "F" else ("geometries", "geometry")
+    kind = node.get("type")
+    if kind in ("FeatureCollection", "GeometryCollection"):
+        key, child = ("features", "feature") if kind[0] == "F" else ("geometries", "geometry")
         members = node.get(key)
         if not isinstance(members, list):
             raise InputError(f"{label}: {key} is {reprlib.repr(members)}; it must be a list.")
         for k, member in enumerate(members):
             yield from geojson_items(f"{label}: {child} {k + 1}", member, tags)
-    elif what == "Feature":
+    elif kind == "Feature":
         properties = node.get("properties") or {}
         if not isinstance(properties, dict):
             raise InputError(f"{label}: properties must be an object or null.")
@@ -158,21 +158,21 @@ def geojson_items(label: str, node: object, tags: Tags | None) -> Iterator[Drawn
         if node.get("geometry") is None:
             raise InputError(f"{label} has no geometry; give it one or remove it.")
         yield from geojson_items(label, node["geometry"], tags)
-    elif isinstance(what, str) and what in DEPTH:
-        _check_coordinates(label, node.get("coordinates"), DEPTH[what])
+    elif isinstance(kind, str) and kind in DEPTH:
+        _check_coordinates(label, node.get("coordinates"), DEPTH[kind])
         try:
-            geometry = shapely.geometry.shape({"type": what, "coordinates": node["coordinates"]})
+            geometry = shapely.geometry.shape({"type": kind, "coordinates": node["coordinates"]})
         except (shapely.errors.ShapelyError, ValueError, TypeError, IndexError) as error:
             reason = str(error).partition("\n")[0].rstrip(".")
             if "inhomogeneous" in reason:
                 reason = "some positions have a height and others none"
             raise InputError(
-                f"{label}: the coordinates make no {what} ({reason}); correct them."
+                f"{label}: the coordinates make no {kind} ({reason}); correct them."
             ) from error
         yield DrawnItem(label, checked(label, geometry), tags or Tags())
     else:
         raise InputError(
-            f"{label}: type is {reprlib.repr(what)}; it must be a FeatureCollection, a Feature or "
+            f"{label}: type is {reprlib.repr(kind)}; it must be a FeatureCollection, a Feature or "
             "a geometry of GeoJSON."
         )
 

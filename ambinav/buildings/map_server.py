@@ -63,8 +63,8 @@ def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
         raise _wrong(path, "image", name, "the name of a PGM or PNG file")
     resolution = _number(path, "resolution", _value(path, header, "resolution"))
     if not FINEST <= resolution <= COARSEST:
-        wanted = f"the edge of a cell in metres, from {FINEST:g} to {COARSEST:g}, e.g. 0.05"
-        raise _wrong(path, "resolution", resolution, wanted)
+        expected = f"the edge of a cell in metres, from {FINEST:g} to {COARSEST:g}, e.g. 0.05"
+        raise _wrong(path, "resolution", resolution, expected)
     origin = _origin(path, _value(path, header, "origin"))
     negate = _value(path, header, "negate")
     if not isinstance(negate, int) or negate not in (0, 1):
@@ -93,8 +93,8 @@ def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
     return OccupancyGrid(state, resolution, origin, path, image, sha256(path, image))
 
 
-def _wrong(path: Path, key: str, value: object, wanted: str) -> InputError:
-    return InputError(f"{path}: {key} is {reprlib.repr(value)}; it must be {wanted}.")
+def _wrong(path: Path, key: str, value: object, expected: str) -> InputError:
+    return InputError(f"{path}: {key} is {reprlib.repr(value)}; it must be {expected}.")
 
 
 def _read_yaml(path: Path) -> Mapping[Any, Any]:

@@ -42,8 +42,8 @@ def cut_lines(vertices: Floats, faces: Ints, height: float) -> Floats:
     a = _crossing(vertices, corner, left, above, height)
     b = _crossing(vertices, corner, right, above, height)
     segments = np.where(upper[:, np.newaxis], np.hstack([a, b]), np.hstack([b, a]))
-    kept: Floats = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
-    return kept
+    lines: Floats = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
+    return lines
 
 
 def section(vertices: Floats, faces: Ints, height: float) -> tuple[BaseGeometry, BaseGeometry]:

@@ -58,12 +58,12 @@ def chosen_level(
     Raises:
         InputError: there is no such level, or there are several and none is chosen.
     """
-    known = _listed(listed or names)
+    level_names = _listed(listed or names)
     if level is None:
         if len(names) > 1:
             raise InputError(
-                f"{where}: it holds {len(names)} levels ({known}), which are floors above each "
-                "other; choose one with --level NAME."
+                f"{where}: it holds {len(names)} levels ({level_names}), which are floors above "
+                "each other; choose one with --level NAME."
             )
         return names[0] if names else None
     requested = str(level).strip()
@@ -80,7 +80,7 @@ def chosen_level(
     if requested.isdecimal() and int(requested) < len(names):
         return names[int(requested)]
     near = difflib.get_close_matches(requested, names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}? It has {known}" if near else f"choose from {known}"
+    hint = f"did you mean {near[0]}? It has {level_names}" if near else f"choose from {level_names}"
     raise InputError(
         f"{where}: there is no level {requested!r}; {hint.replace('? It has', ', of')}."
     )

@@ -195,16 +195,16 @@ def _on_floor(
     """Return the items of a floor, and those without a level."""
     if floor is None:
         return items
-    kept = [item for item in items if not item.tags.levels or floor in item.tags.levels]
-    shared = sum(not item.tags.levels for item in kept)
+    on_floor = [item for item in items if not item.tags.levels or floor in item.tags.levels]
+    shared = sum(not item.tags.levels for item in on_floor)
     if shared and len(names) > 1:
         note = (
-            f"{path}: {shared} of {len(kept)} features on level {floor} have no level of their own "
-            "and count for all."
+            f"{path}: {shared} of {len(on_floor)} features on level {floor} have no level of their "
+            "own and count for all."
         )
         warnings.warn(note, InputWarning, stacklevel=3)
         notes.append(note)
-    return kept
+    return on_floor
 
 
 def _scaled(items: list[DrawnItem], scale: float) -> list[DrawnItem]:
@@ -228,11 +228,11 @@ def _tagged(
     sound = []
     for item in items:
         kind = item.tags.kind
-        wanted = LINES if kind in ("wall", "opening") else POLYGONS
-        if kind not in (None, "reflector") and item.geometry.geom_type not in wanted:
+        allowed_types = LINES if kind in ("wall", "opening") else POLYGONS
+        if kind not in (None, "reflector") and item.geometry.geom_type not in allowed_types:
             raise InputError(
                 f"{item.label}: kind {kind} is drawn as a {item.geometry.geom_type}; it must "
-                f"be a {wanted[0]}."
+                f"be a {allowed_types[0]}."
             )
         geometry = item.geometry
         if geometry.geom_type in POLYGONS:

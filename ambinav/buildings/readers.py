@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.plugins import Registry
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import kind_of_path, refuse, refuse_image
+from ambinav.runtime.packages import need
 
 HEIGHT: Final = 0.3
 """Metres above the floor at which a building model is cut unless another height is given."""
@@ -79,23 +79,23 @@ def read(path: str | Path, **options: Any) -> Environment:
         refuse(f"{path}", kind_of_path(path), "a building")
         raise InputError(f"{path}: this is a folder; name the file of the building in it.")
     suffix = path.suffix.lower().removeprefix(".")
-    known = MAP_READERS.names()
-    if suffix not in known:
+    suffixes = MAP_READERS.names()
+    if suffix not in suffixes:
         raise InputError(
             f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
-            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}. (In "
-            "Python read_mesh, read_cloud and read_octomap read buildings in space.)"
+            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(suffixes)}. "
+            "(In Python read_mesh, read_cloud and read_octomap read buildings in space.)"
         )
     reader = MAP_READERS.get(suffix)
-    given = {name: value for name, value in options.items() if value is not None}
+    used_options = {name: value for name, value in options.items() if value is not None}
     takes = inspect.signature(reader.read).parameters
-    for name in given:
+    for name in used_options:
         if name not in takes:
             raise InputError(
                 f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
             )
     with MAP_READERS.calling(suffix):
-        environment = reader.read(path, **given)
+        environment = reader.read(path, **used_options)
         if not isinstance(environment, Environment):
             raise TypeError(f"it is not an Environment but {environment!r}")
     return environment
@@ -128,7 +128,7 @@ def _read_ifc(
     furniture: bool = True,
     in_space: bool = False,
 ) -> Environment:
-    _need(path, "ifcopenshell")
+    need(f"{path}: reading it", ("ifcopenshell",), "plans")
     from ambinav.buildings.ifc.file import read_storey
     from ambinav.buildings.ifc.space import load_ifc_in_space
 
@@ -147,16 +147,10 @@ def _read_dxf(
     furniture: bool = True,
     layers: Mapping[str, str] | None = None,
 ) -> Environment:
-    _need(path, "ezdxf")
+    need(f"{path}: reading it", ("ezdxf",), "plans")
     from ambinav.buildings.dxf.file import load_dxf
 
     return load_dxf(path, unit=unit, doors=doors, glass=glass, furniture=furniture, layers=layers)
-
-
-def _need(path: Path, package: str) -> None:
-    """Raise `InputError` with the package to install if a plan's reader is missing."""
-    if find_spec(package) is None:
-        raise InputError(f'{path}: reading it needs {package}; run: pip install "ambinav[plans]".')
 
 
 MAP_SERVER: Final = MapReader(

@@ -81,9 +81,9 @@ def environment_from_shapes(
         InputWarning: A polygon that crosses itself was repaired.
     """
     label = str(source) if source is not None else name
-    for what, given in (("rooms", rooms), ("obstacles", obstacles), ("walls", walls)):
-        if isinstance(given, BaseGeometry):
-            raise InputError(f"{label}: {what} is a {given.geom_type}; give a list of shapes.")
+    for role, shapes in (("rooms", rooms), ("obstacles", obstacles), ("walls", walls)):
+        if isinstance(shapes, BaseGeometry):
+            raise InputError(f"{label}: {role} is a {shapes.geom_type}; give a list of shapes.")
     remarks = list(notes)
     room_list = [_polygon(label, "room", k, s, remarks) for k, s in enumerate(rooms)]
     solid_list = [_polygon(label, "obstacle", k, s, remarks) for k, s in enumerate(obstacles)]
@@ -196,8 +196,8 @@ def sound_polygon(label: str, geometry: BaseGeometry, remarks: list[str]) -> Bas
     return geometry
 
 
-def _polygon(label: str, what: str, number: int, shape: Shape, remarks: list[str]) -> BaseGeometry:
-    label = f"{label}: {what} {number + 1}"
+def _polygon(label: str, role: str, number: int, shape: Shape, remarks: list[str]) -> BaseGeometry:
+    label = f"{label}: {role} {number + 1}"
     if not isinstance(shape, BaseGeometry):
         shape = shapely.Polygon(_points(label, shape, 3))
     if not isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
@@ -205,8 +205,8 @@ def _polygon(label: str, what: str, number: int, shape: Shape, remarks: list[str
     return sound_polygon(label, checked(label, shape), remarks)
 
 
-def _line(label: str, what: str, number: int, shape: Shape) -> BaseGeometry:
-    label = f"{label}: {what} {number + 1}"
+def _line(label: str, role: str, number: int, shape: Shape) -> BaseGeometry:
+    label = f"{label}: {role} {number + 1}"
     if not isinstance(shape, BaseGeometry):
         shape = shapely.LineString(_points(label, shape, 2))
     if not isinstance(shape, shapely.LineString | shapely.MultiLineString):
@@ -325,8 +325,8 @@ def _noded(free: BaseGeometry, points: Floats) -> BaseGeometry:
 
     Each edge of the free space is then of one kind, as scans take it to be.
     """
-    known = {tuple(point) for point in shapely.get_coordinates(free).tolist()}
-    fresh = np.array([p for p in np.unique(points, axis=0).tolist() if tuple(p) not in known])
+    corners = {tuple(point) for point in shapely.get_coordinates(free).tolist()}
+    fresh = np.array([p for p in np.unique(points, axis=0).tolist() if tuple(p) not in corners])
     if not len(fresh):
         return free
 

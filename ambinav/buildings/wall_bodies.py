@@ -49,12 +49,12 @@ def noded(lines: Sequence[Floats]) -> BaseGeometry:
     tails = {
         tuple(end) for end, length in zip(ends.tolist(), lengths, strict=True) if length < JOIN
     }
-    kept = [
+    long_pieces = [
         piece
         for piece in shapely.get_parts(net)
         if piece.length >= JOIN or not {piece.coords[0], piece.coords[-1]} & tails
     ]
-    return shapely.union_all(kept)
+    return shapely.union_all(long_pieces)
 
 
 def capped(net: BaseGeometry) -> BaseGeometry:

@@ -200,21 +200,21 @@ def _stubs(points: Floats, pairs: Ints, solid: BaseGeometry) -> _Stubs:
         if end not in free:
             continue
         other, here = end
-        what = CORNER
+        end_kind = CORNER
         if len(net.around[here]) == 1:
-            what = END
+            end_kind = END
             across = np.array([-direction[1], direction[0]])
             stubs += [(here, across, CAP), (here, -across, CAP)]
         elif len(net.around[here]) == 2:
             if net.is_cap(here, net.beyond(here, other), free):
-                what = END
+                end_kind = END
             elif net.is_cap(here, other, free):
-                what = CAP
-        stubs.append((here, direction, what))
+                end_kind = CAP
+        stubs.append((here, direction, end_kind))
     return _Stubs(
         np.array([node for node, _, _ in stubs], dtype=np.int64),
         np.array([direction for _, direction, _ in stubs]).reshape(-1, 2),
-        np.array([what for _, _, what in stubs], dtype=np.int64),
+        np.array([end_kind for _, _, end_kind in stubs], dtype=np.int64),
     )
 
 
@@ -231,8 +231,8 @@ def _first_hits(
     offset = a - start[ray]
     along = (offset[:, 0] * run[:, 1] - offset[:, 1] * run[:, 0]) / np.where(cross, cross, np.nan)
     # Lines that run along are met at their ends, by others.
-    own = (pairs[line] == chosen.node[ray][:, np.newaxis]).any(axis=1)
-    real = ~own & (along > _START) & (np.abs(cross) > 1e-6 * np.hypot(run[:, 0], run[:, 1]))
+    is_own_line = (pairs[line] == chosen.node[ray][:, np.newaxis]).any(axis=1)
+    real = ~is_own_line & (along > _START) & (np.abs(cross) > 1e-6 * np.hypot(run[:, 0], run[:, 1]))
     first = np.full(len(start), np.inf)
     np.minimum.at(first, ray[real], along[real])
     return first
@@ -251,8 +251,8 @@ def _doors(
     away = near - start[stub]
     length = np.hypot(away[:, 0], away[:, 1])
     ahead = (away * stubs.ahead[is_end[stub]]).sum(axis=1) >= _AHEAD * length
-    own = (pairs[line] == stubs.node[is_end[stub]][:, np.newaxis]).any(axis=1)
-    fits = np.flatnonzero(ahead & ~own & (length > _START))
+    is_own_line = (pairs[line] == stubs.node[is_end[stub]][:, np.newaxis]).any(axis=1)
+    fits = np.flatnonzero(ahead & ~is_own_line & (length > _START))
     order = fits[np.lexsort((length[fits], stub[fits]))]
     _, first = np.unique(stub[order], return_index=True)
     return [shapely.LineString([start[stub[k]], near[k]]) for k in order[first]]

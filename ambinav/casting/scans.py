@@ -88,18 +88,18 @@ def check_rays(scene: Scene, height: Floats, elevation: Floats) -> None:
         )
 
 
-def plane_only(scene: Scene, what: str) -> None:
+def plane_only(scene: Scene, purpose: str) -> None:
     """Raise an error for a building in space where only plans are supported.
 
     Args:
         scene: The building.
-        what: What is asked of it: a noun in the singular.
+        purpose: What is asked of it: a noun in the singular.
 
     Raises:
         InputError: the building has a `space`.
     """
     if scene.space is not None:
         raise InputError(
-            f"{scene.name}: it is a building in space, and {what} is known for plans alone; give "
-            "its plan, in Python environment.plan."
+            f"{scene.name}: it is a building in space, and {purpose} is known for plans alone; "
+            "give its plan, in Python environment.plan."
         )

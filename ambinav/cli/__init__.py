@@ -100,8 +100,8 @@ _add_group(
 app.add_typer(store)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_given: bool) -> None:
+    if is_given:
         from ambinav import __version__
 
         typer.echo(f"ambinav {__version__}")

@@ -43,13 +43,12 @@ class BeaconOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        for option, value in (
-            ("--beacon-std", self.beacon_std),
-            ("--beacon-range", self.beacon_range),
-        ):
-            conflict(option, value is not None and self.beacons is None, "is for --beacons")
-        for name, given in others.items():
-            conflict("--beacons", given and self.beacons is not None, f"is not for --{name}")
+        if self.beacons is None:
+            conflict("--beacon-std", self.beacon_std is not None, "is for --beacons")
+            conflict("--beacon-range", self.beacon_range is not None, "is for --beacons")
+        else:
+            for name, is_given in others.items():
+                conflict("--beacons", is_given, f"is not for --{name}")
         self._options()
 
     def check_suited(self, environment: Environment, scanner: RangeScanner) -> None:
@@ -80,6 +79,6 @@ class BeaconOptions:
             return {}
         from ambinav.buildings.drawn_items import load_points
 
-        given = {"std": self.beacon_std, "max_range": self.beacon_range}
-        numbers = {name: value for name, value in given.items() if value is not None}
+        options = {"std": self.beacon_std, "max_range": self.beacon_range}
+        numbers = {name: value for name, value in options.items() if value is not None}
         return {"at": load_points(self.beacons), **numbers}

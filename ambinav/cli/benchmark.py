@@ -12,10 +12,10 @@ from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.limits import Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, check_with_map
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_report, progress_bars, reporting, resumable
 from ambinav.cli.submission import SubmissionOptions
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -117,9 +117,9 @@ def benchmark(
         output (DIR): Folder for the report; resumes an interrupted leaderboard in it.
     """
     with reporting():
-        own = MethodOptions(policy=methods.policy, trust=methods.trust)
-        if submission.wanted(
-            methods == own
+        unchanged = MethodOptions(policy=methods.policy, trust=methods.trust)
+        if submission.is_given(
+            methods == unchanged
             and (episode_options, building)
             == (EpisodeOptions(quick=episode_options.quick), BuildingOptions())
             and (values, output, pictures) == (None, OUTPUT, "png")
@@ -184,7 +184,7 @@ def _show(rows: Sequence[Row], report: Path) -> None:
 
     columns, method = ("method", *SHOWN.values(), "normalized"), ("method",)
     for setting in dict.fromkeys(row.setting for row in rows):
-        own = map(cells, (row for row in rows if row.setting == setting))
-        figures = table(columns, own, left=method, no_wrap=method, title=setting)
+        setting_rows = map(cells, (row for row in rows if row.setting == setting))
+        figures = table(columns, setting_rows, left=method, no_wrap=method, title=setting)
         show(figures, "", width=WIDTH)
     show(f"report: {report}", width=WIDTH, wrap=False)

@@ -14,10 +14,10 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.limits import Count, Natural, at_least
 from ambinav.cli.map_options import BuildingOptions, Spacing, check_with_map
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_apart, check_file, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 if TYPE_CHECKING:
     from ambinav.forecasting.localizer_class import LocalizerClass
@@ -153,11 +153,13 @@ def localizer(
         settings = drives.settings(scanner)
         places = buildings.load(building)
         drives_file = output.with_name(output.name + KEPT)
-        kept = KeptDrives(drives_file)
+        kept_drives = KeptDrives(drives_file)
         with resumable(drives_file, "the drives so far are"), progress_bars(as_json) as bars:
-            studied = study_localizer(begin, places, settings, kept=kept, progress=bars("drives"))
+            studied = study_localizer(
+                begin, places, settings, kept=kept_drives, progress=bars("drives")
+            )
         studied.localizer.to_yaml(output)
-        kept.remove()
+        kept_drives.remove()
         if as_json:
             typer.echo(json.dumps(_document(studied, output), indent=2))
         else:
@@ -178,8 +180,8 @@ def _uncalibrated(name: str) -> LocalizerClass:
         from ambinav.forecasting.localizer_class import LocalizerClass, localizer_classes
 
         # A class's name may be none of a localizer's, as of `product`: it says what it drives.
-        known = name in localizer_classes()
-        return uncalibrated(name, LocalizerClass.load(name).localizer if known else name)
+        is_class = name in localizer_classes()
+        return uncalibrated(name, LocalizerClass.load(name).localizer if is_class else name)
     plain: Any = parse_yaml(read_text(path), str(path), "give a mapping with the key type")
     if not isinstance(plain, Mapping) or "type" not in plain:
         raise InputError(f"{path} holds {reprlib.repr(plain)}; give a mapping with the key type.")

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, reporting
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 
 @options.documented

@@ -34,14 +34,14 @@ def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterat
         options: Other options, by their parameters; of one that is a sequence a function from an
             index to what its item is called, which is used for the items alone.
     """
-    known = {name: option_name(name) for name in names} | options
+    option_of = {name: option_name(name) for name in names} | options
     try:
         yield
     except InputError as error:
         match = re.match(r"(\w+)(?:\[(\d+)\])?(?=:? )", str(error))
-        if match is None or match[1] not in known or type(error) is not InputError:
+        if match is None or match[1] not in option_of or type(error) is not InputError:
             raise
-        option, item = known[match[1]], match[2]
+        option, item = option_of[match[1]], match[2]
         if callable(option):
             option = option_name(match[1]) if item is None else option(int(item))
         elif item is not None:
@@ -49,7 +49,7 @@ def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterat
         raise InputError(option + str(error)[match.end() :]) from error
 
 
-def check_planar(scanner: RangeScanner, what: str) -> None:
+def check_planar(scanner: RangeScanner) -> None:
     """Refuse a scanner that looks up or down where only plans are supported.
 
     Raises:
@@ -57,18 +57,18 @@ def check_planar(scanner: RangeScanner, what: str) -> None:
     """
     if scanner.upright[:, 1].any():
         raise InputError(
-            f"--scanner: {scanner.name!r} looks up or down, and {what} is known for plans alone; "
-            "give a scanner that looks in the plane."
+            f"--scanner: {scanner.name!r} looks up or down, and the choice of beams is known for "
+            "plans alone; give a scanner that looks in the plane."
         )
 
 
-def conflict(option: str, given: bool, reason: str) -> None:
+def conflict(option: str, is_given: bool, reason: str) -> None:
     """Refuse an option that has no effect together with the others.
 
     Raises:
         InputError: it is given.
     """
-    if given:
+    if is_given:
         raise InputError(f"{option} {reason}; leave it out.")
 
 

@@ -100,13 +100,13 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart]) -> None:
     if has_forecast:
         titles = (titles[0], FORECAST, *titles[1:])
     for pair, verdict in verdicts.items():
-        own = map(cells, (row for row in rows if row.pair == pair))
+        pair_rows = map(cells, (row for row in rows if row.pair == pair))
         lines = [verdict.headline, verdict.text, *(route.text for route in verdict.routes)]
         lines += [
             f"forecast of {row.route}: {row.forecasts[0].sentence}"
             for row in rows
             if row.pair == pair and len(row.forecasts) == 1
         ]
-        figures = table(("route", *titles), own, left=("route",), no_wrap=titles, title=pair)
+        figures = table(("route", *titles), pair_rows, left=("route",), no_wrap=titles, title=pair)
         parts += ["", figures, "", *(f"- {line}" for line in lines)]
     show(*parts[1:])

@@ -12,8 +12,8 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.limits import Count, Natural
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 
 @options.documented

@@ -62,10 +62,10 @@ class SampleOptions(RegionOptions):
         """
         check_radius(self.radius, self.spacing)
         check_one(self.polygon, self.route)
-        for option, given in (("--polygon", self.polygon), ("--route", self.route)):
-            if given is not None and maps > 1:
+        for option, path in (("--polygon", self.polygon), ("--route", self.route)):
+            if path is not None and maps > 1:
                 raise InputError(
-                    f"{option}: {given} lies in one building, but {maps} maps are given; give one."
+                    f"{option}: {path} lies in one building, but {maps} maps are given; give one."
                 )
 
 
@@ -146,6 +146,7 @@ def beams(
     with reporting():
         from ambinav.sensing.scanner import RangeScanner
         from ambinav.studies.design.beams.choose import check_beams, check_limit, choose
+        from ambinav.studies.design.beams.document import document
         from ambinav.studies.design.beams.report import STUDY, write_report
 
         check_limit(loss, "--loss")
@@ -153,7 +154,7 @@ def beams(
         check_report(STUDY, output, pictures)
         full = RangeScanner.load(scanner)
         messages.check(full)
-        check_planar(full, "the choice of beams")
+        check_planar(full)
         check_beams(full)
         import numpy as np
 
@@ -168,18 +169,18 @@ def beams(
         from ambinav.studies.design.beams.localizer import scan_information_of, update_times
         from ambinav.studies.design.beams.scanner import scan_masks, subset_scanner
 
-        kept = subset_scanner(full, choice.chosen.beams)
-        report = write_report(
+        subset = subset_scanner(full, choice.chosen.beams)
+        masks = scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min)
+        report = document(
             choice,
             samples,
             [str(path) for path in map_files],
-            update_times(buildings[0], full, kept, rng),
-            scan_information_of(buildings, full, kept, sampled.seed, sampled.map_std),
-            scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min),
+            update_times(buildings[0], full, subset, rng),
+            scan_information_of(buildings, full, subset, sampled.seed, sampled.map_std),
+            masks,
             _parameters(sampled, region, samples),
-            output,
-            pictures,
         )
+        report = write_report(choice, report, masks, output, pictures)
         finish(report, lambda report: _show(report, output), as_json=as_json)
 
 
@@ -236,10 +237,10 @@ def _draw(
 
 def _parameters(sampled: SampleOptions, region: Region, samples: list[MapSample]) -> dict[str, Any]:
     """Return the parameters of the search as the report lists them."""
-    given = {name: value for name, value in asdict(sampled).items() if value is not None}
-    given.pop("polygon", None)
-    given.pop("route", None)
-    return {**given, "region": region.title, "tau with all beams": samples[0].model.tau}
+    parameters = {name: value for name, value in asdict(sampled).items() if value is not None}
+    parameters.pop("polygon", None)
+    parameters.pop("route", None)
+    return {**parameters, "region": region.title, "tau with all beams": samples[0].model.tau}
 
 
 def _show(report: Document, output: Path) -> None:

@@ -84,16 +84,17 @@ class RequirementOptions:
             raise InputError(
                 'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
             )
-        wanted = None if required is None else Requirement.parse(required)
-        is_lost = wanted is not None and wanted.most_lost is not None
+        parsed = None if required is None else Requirement.parse(required)
+        is_lost = parsed is not None and parsed.most_lost is not None
         if is_lost and self.places is None:
             raise InputError(
-                f'--places: "{wanted}" is about trips between places; give a file with them, e.g. '
+                f'--places: "{parsed}" is about trips between places; give a file with them, e.g. '
                 f"`{EXAMPLE}`."
             )
-        conflict("--places", self.places is not None and not is_lost, FOR_LOST)
-        for option in forecasts.given:
-            conflict(option, not is_lost, FOR_LOST)
+        if not is_lost:
+            conflict("--places", self.places is not None, FOR_LOST)
+            for option in forecasts.given_options:
+                conflict(option, True, FOR_LOST)
         forecasts.check()
         forecasts.check_no_program()
         trips = None if self.places is None else read_trips(self.places)
@@ -101,12 +102,11 @@ class RequirementOptions:
         costs = read_costs(self.cost)
         allowed.check(costs, str(self.cost))
         obstacles.check_used(tuple(allowed.most))
-        conflict(
-            "--keep-out", self.keep_out is not None and not allowed.most, "is about new obstacles"
-        )
+        if not allowed.most:
+            conflict("--keep-out", self.keep_out is not None, "is about new obstacles")
         for kind in allowed.most:
             obstacles.rules_of(kind)
-        return Request(wanted, allowed, costs, trips, keep_out_zones(self.keep_out))
+        return Request(parsed, allowed, costs, trips, keep_out_zones(self.keep_out))
 
 
 @options.documented

@@ -73,7 +73,7 @@ class PositionOptions:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
     def check_used(self, kinds: Collection[Kind]) -> None:
-        """Refuse what is about obstacles that are not asked for.
+        """Refuse options on kinds of obstacles that are not added.
 
         Raises:
             InputError: such an option is given.
@@ -81,8 +81,8 @@ class PositionOptions:
         reason = f"is not about {' or '.join(kinds)}s" if kinds else "is about new obstacles"
         for field in fields(self):
             about, option = _ABOUT.get(field.name, ((), ""))
-            given = getattr(self, field.name) != field.default
-            conflict(option, given and bool(about) and not {*about} & {*kinds}, reason)
+            is_given = getattr(self, field.name) != field.default
+            conflict(option, is_given and bool(about) and not {*about} & {*kinds}, reason)
 
     def rules_of(self, kind: Kind, scanner: RangeScanner | None = None) -> PlaceRules:
         """Return the placement rules; obstacles reflect if the scanner sees reflectors.

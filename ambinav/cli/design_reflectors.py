@@ -47,7 +47,7 @@ class NewOptions(PositionOptions):
     width: float = 0.3
     keep_out: KeepOut = None
 
-    def asked(self) -> tuple[Kind, int]:
+    def kind_and_count(self) -> tuple[Kind, int]:
         """Return the kind and number of new reflectors.
 
         Raises:
@@ -124,7 +124,7 @@ def reflectors(
         from ambinav.studies.design.reflectors.study import check_reflectors, plan_reflectors
 
         conflict("--layers", map_options.layers is not None, UNUSED_LAYERS)
-        kind, count = new.asked()
+        kind, count = new.kind_and_count()
         new.check_used([kind] if count else ())
         new.rules_of(kind)
         rules = needs.rules()

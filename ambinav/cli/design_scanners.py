@@ -140,20 +140,20 @@ def scanners(
         check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
         chosen_layers(map_options.named_layers, None)
-        known = distinct(chosen)
-        if len(known) < len(chosen):
-            note(f"{len(chosen)} scanners are given; {len(known)} of them are different.")
+        candidates = distinct(chosen)
+        if len(candidates) < len(chosen):
+            note(f"{len(chosen)} scanners are given; {len(candidates)} of them are different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
         environment, _ = replace(map_options, layers=None).load(
-            map_file, space.carrier(known), building, space, robot.robot_radius or 0.0
+            map_file, space.carrier(candidates), building, space, robot.robot_radius or 0.0
         )
         if every and environment.space is None:
-            known = _without_third_dimension(known, scanner or [])
+            candidates = _without_third_dimension(candidates, scanner or [])
         with progress_bars(as_json) as bars:
             compared = compare_scanners(
                 environment,
-                known,
+                candidates,
                 spacing=map_options.spacing,
                 radius=map_options.radius,
                 headings=map_options.headings,
@@ -168,9 +168,9 @@ def scanners(
                 costs=table_of_costs,
                 height=space.height,
                 store=options.store_of(
-                    map_options.no_store, _announcement(map_options, environment, known)
+                    map_options.no_store, _announcement(map_options, environment, candidates)
                 ),
-                progress=bars(f"{len(known)} scanners"),
+                progress=bars(f"{len(candidates)} scanners"),
             )
             if output is not None:
                 report = write_report(compared, output, bars("report"), pictures)
@@ -196,23 +196,23 @@ def _scanner_names(named: list[str], every: bool) -> list[str]:
 
 
 def _without_third_dimension(
-    known: Sequence[RangeScanner], named: list[str]
+    scanners: Sequence[RangeScanner], named: list[str]
 ) -> tuple[RangeScanner, ...]:
     """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
-    wanted = {RangeScanner.load(name).name for name in named}
+    named_scanners = {RangeScanner.load(name).name for name in named}
     left_out = [
         scanner.name
-        for scanner in known
-        if scanner.name not in wanted and bool(scanner.upright[:, 1].any())
+        for scanner in scanners
+        if scanner.name not in named_scanners and bool(scanner.upright[:, 1].any())
     ]
     if left_out:
         note(
             f"{', '.join(left_out)} look up and down and are left out of a plan; --extrude M, or "
             "--in-space for the heights of an .ifc file, compares them too."
         )
-    return tuple(scanner for scanner in known if scanner.name not in left_out)
+    return tuple(scanner for scanner in scanners if scanner.name not in left_out)
 
 
 def _announcement(

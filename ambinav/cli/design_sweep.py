@@ -51,19 +51,19 @@ class SweptOptions(RegionOptions):
     seed: Natural = 0
 
     def check(self) -> None:
-        """Refuse a heading that is none, a second choice of headings, and a seed without effect.
+        """Refuse an invalid heading, a second choice of headings, and a seed without effect.
 
         Raises:
             InputError: one is given.
         """
         check_one(self.polygon, self.route)
-        if self.heading is not None and not math.isfinite(self.heading):
-            raise InputError(f"--heading: {self.heading} is not a heading; give degrees, e.g. 90.")
-        conflict(
-            "--headings",
-            self.headings is not None and self.heading is not None,
-            "is a number of headings, and --heading keeps one",
-        )
+        if self.heading is not None:
+            if not math.isfinite(self.heading):
+                raise InputError(
+                    f"--heading: {self.heading} is not a heading; give degrees, e.g. 90."
+                )
+            reason = "is a number of headings, and --heading keeps one"
+            conflict("--headings", self.headings is not None, reason)
         conflict("--seed", self.seed != 0 and self.places == 0, "has no effect on all places")
 
 

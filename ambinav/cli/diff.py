@@ -147,17 +147,17 @@ def _as_made(place: str, map_options: MapOptions) -> MapOptions:
     from ambinav.maps.ambiguity_map import AmbiguityMap
 
     made = AmbiguityMap.open(place).parameters
-    own = {
+    taken_over = {
         field.name: made[field.name]
         for field in fields(map_options)
         if field.name in AS_MADE
         and getattr(map_options, field.name) == field.default
         and made[field.name] != field.default
     }
-    if own:
-        texts = ", ".join(f"{AS_MADE[name]} {value}" for name, value in own.items())
+    if taken_over:
+        texts = ", ".join(f"{AS_MADE[name]} {value}" for name, value in taken_over.items())
         note(f"the building is mapped as {place} is, with {texts}.")
-    return replace(map_options, **own)
+    return replace(map_options, **taken_over)
 
 
 def _open(

@@ -10,11 +10,11 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.limits import Count, Natural
 from ambinav.cli.map_options import BuildingOptions, check_with_map
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.cli.space_options import HeightOptions
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,8 +13,8 @@ from ambinav.cli import options
 from ambinav.cli.running import check_writable, reporting
 
 
-def _list_kinds(wanted: bool) -> None:
-    if not wanted:
+def _list_kinds(is_given: bool) -> None:
+    if not is_given:
         return
     with reporting():
         from ambinav.export.registry import EXPORTERS
@@ -115,12 +115,12 @@ def export(
         from ambinav.export.formats.exporting import export_map, prepare
         from ambinav.export.options import ExportOptions
 
-        given: dict[str, Any] = {
+        settings: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in {**vars(floor), **vars(along)}.items()
             if value is not None
         }
-        chosen = ExportOptions(**given)
+        chosen = ExportOptions(**settings)
         exporter, _ = prepare(kind, output, chosen, overwrite)
         check_writable(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap

@@ -11,11 +11,11 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.gate import FleetGate
 from ambinav.cli.limits import at_least
-from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing
-from ambinav.cli.packages import need
+from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing, check_radius
 from ambinav.cli.printing import finish, show, table
 from ambinav.cli.running import check_writable, note, progress_bars, reporting, resumable
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 
 if TYPE_CHECKING:
     from ambinav.reports.conditions import Condition
@@ -124,11 +124,7 @@ def audit_fleet(
         from ambinav.studies.fleet.unit import FleetSettings
 
         need("fleet audit", ("pyarrow",), "fleet")
-        if radius < spacing:
-            raise InputError(
-                f"--ambiguity-radius: {radius:g} m is less than a cell of {spacing:g} m "
-                "(--spacing); give at least that."
-            )
+        check_radius(radius, spacing)
         place = Address.of(output)
         conditions = gate.conditions(place.folder)
         part = running.part
@@ -230,8 +226,8 @@ def _note_failed(results: Sequence[Result]) -> None:
 def _show(fleet: Fleet) -> None:
     from ambinav.reports.number_text import metres2, percent
 
-    kept = len(fleet.results) - fleet.made
-    there = f", {kept} were there" if kept else ""
+    reused = len(fleet.results) - fleet.made
+    there = f", {reused} were there" if reused else ""
     show(
         fleet.document.summary,
         f"{fleet.made} {'audit' if fleet.made == 1 else 'audits'} made{there}",

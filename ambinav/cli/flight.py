@@ -86,13 +86,13 @@ def plan_flight(
         InputError: an option does not apply in space, or something cannot be used.
     """
     groups = (search, cost, robot, result, *others)
-    given = [
+    refused = [
         option_name(field.name)
         for group in groups
         for field in fields(group)
         if field.name not in ALLOWED and getattr(group, field.name) != field.default
     ]
-    for option in (*given, *(["--trust"] if trust else [])):
+    for option in (*refused, *(["--trust"] if trust else [])):
         conflict(option, True, "is for robots on the floor, not for --space r3")
     search.check()
     cost.check(search)

@@ -47,8 +47,8 @@ def forecast(
         route = load_route(route_file)
         amap = AmbiguityMap.open(map_file)
         for name, planned in (("environment", route.environment), ("scanner", route.scanner)):
-            if planned and planned != (own := amap.dataset.attrs[name]):
-                note(f"{route_file}: planned with the {name} {planned}; the map has {own}.")
+            if planned and planned != (of_map := amap.dataset.attrs[name]):
+                note(f"{route_file}: planned with the {name} {planned}; the map has {of_map}.")
         result = robot.forecaster(amap)(route)
         if picture is not None:
             from ambinav.plotting.canvas import save_figure

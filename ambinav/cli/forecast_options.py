@@ -86,12 +86,12 @@ class ForecastOptions(LocalizerOptions):
     heading_limit: Annotated[float | None, above_zero("15", "degrees")] = None
 
     @property
-    def wanted(self) -> bool:
+    def is_given(self) -> bool:
         """True if any of the options is given."""
-        return bool(self.given)
+        return bool(self.given_options)
 
     @property
-    def given(self) -> list[str]:
+    def given_options(self) -> list[str]:
         """Names of the options that are given."""
         return [
             option_name(each.name) for each in fields(self) if getattr(self, each.name) is not None

@@ -32,20 +32,20 @@ FLEET_DIFF = "ambinav.studies.fleet.difference"
 
 
 def _quantities(module: str) -> Quantities:
-    known: Quantities = import_module(module).QUANTITIES
-    return known
+    quantities: Quantities = import_module(module).QUANTITIES
+    return quantities
 
 
 def _fail_if(module: str) -> Any:
     """Return the option --fail-if, which prints a table of all figures of a module for `list`."""
 
-    def listed(given: list[str] | None) -> list[str] | None:
-        if not given or "list" not in given:
-            return given
+    def listed(texts: list[str] | None) -> list[str] | None:
+        if not texts or "list" not in texts:
+            return texts
         with reporting():
-            known = _quantities(module).values()
-            width = max(len(quantity.name) for quantity in known)
-            for quantity in known:
+            quantities = _quantities(module).values()
+            width = max(len(quantity.name) for quantity in quantities)
+            for quantity in quantities:
                 typer.echo(f"{quantity.name:{width}}  {quantity.unit:2}  {quantity.meaning}")
         raise typer.Exit
 
@@ -64,7 +64,7 @@ class Gate:
 
     PANEL: ClassVar[str] = "Gate"
     COMMAND: ClassVar[str]
-    """Of the command line."""
+    """Name of the command line."""
     FIGURES: ClassVar[str]
     """Module with what conditions may name."""
 
@@ -82,8 +82,8 @@ class Gate:
             InputError: a condition cannot be read, or a file cannot be written or has nothing to
                 say.
         """
-        given = self.fail_if or []
-        parsed = tuple(parse_condition(text, _quantities(self.FIGURES)) for text in given)
+        texts = self.fail_if or []
+        parsed = tuple(parse_condition(text, _quantities(self.FIGURES)) for text in texts)
         files = {"--junit": self.junit, "--sarif": self.sarif}
         chosen = {option: path for option, path in files.items() if path is not None}
         for option, path in chosen.items():

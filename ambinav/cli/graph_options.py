@@ -47,23 +47,20 @@ class GraphOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        for reason, holds in (
-            ("is for --space r2", robot.space != "r2"),
-            ("is searched without a planner, and --planner names one", search.planner != AUTO),
-            ("is for a single weight, and --pareto plans for many", result.pareto),
-            ("has directions of its own, and --one-way is for all free floor", limits.one_way),
-            ("is not for --max-lost, which searches all free floor", promise.plans),
-            ("is not for --certify, whose proof is of all free floor", result.certify),
-        ):
-            conflict("--from-graph", self.from_graph is not None and bool(holds), reason)
         if self.from_graph is not None:
-            for option in search.budget(promise.wanted):
+            for reason, holds in (
+                ("is for --space r2", robot.space != "r2"),
+                ("is searched without a planner, and --planner names one", search.planner != AUTO),
+                ("is for a single weight, and --pareto plans for many", result.pareto),
+                ("has directions of its own, and --one-way is for all free floor", limits.one_way),
+                ("is not for --max-lost, which searches all free floor", promise.plans),
+                ("is not for --certify, whose proof is of all free floor", result.certify),
+            ):
+                conflict("--from-graph", bool(holds), reason)
+            for option in search.budget(promise.measures_share):
                 conflict(option, True, f"has no effect on --from-graph, {COMPLETE}")
-            conflict(
-                "--no-improve",
-                not search.improve,
-                "has no effect on --from-graph, whose routes keep to its edges",
-            )
+            reason = "has no effect on --from-graph, whose routes keep to its edges"
+            conflict("--no-improve", not search.improve, reason)
         if self.priced_graph is not None:
             conflict("--priced-graph", self.from_graph is None, "is for --from-graph")
             check_suffix(self.priced_graph, "--priced-graph", (".geojson", ".json"))

@@ -86,7 +86,7 @@ def build(
 
 
 def note_unjudged(amap: AmbiguityMap) -> None:
-    """Say why no floor counts, if none does."""
+    """Print why no floor is judged, if none is."""
     from ambinav.maps.judged_floor import REASONS
     from ambinav.reports.number_text import metres2
 

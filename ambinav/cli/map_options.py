@@ -117,10 +117,10 @@ class BuildingOptions:
             InputError: a --cad-layer is no pair.
         """
         layers = {}
-        for given in self.cad_layer or ():
-            name, equals, role = given.rpartition("=")
+        for pair in self.cad_layer or ():
+            name, equals, role = pair.rpartition("=")
             if not (name and equals):
-                raise InputError(f"--cad-layer: {given!r} is not NAME=ROLE; give e.g. 0=walls.")
+                raise InputError(f"--cad-layer: {pair!r} is not NAME=ROLE; give e.g. 0=walls.")
             layers[name] = role
         return {
             "level": self.level,
@@ -329,8 +329,8 @@ class MapOptions:
     @property
     def named_layers(self) -> tuple[str, ...]:
         """Names of additional layers as they were given, such as "all"."""
-        given = [] if self.layers is None else self.layers.split(",")
-        return tuple(name.strip() for name in given)
+        names = [] if self.layers is None else self.layers.split(",")
+        return tuple(name.strip() for name in names)
 
     def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Return the names of additional layers; the meaning of "all" depends on the building."""

@@ -34,7 +34,7 @@ class MissionOptions:
     or_goal: Annotated[list[str] | None, typer.Option("--or-goal")] = None
 
     @property
-    def wanted(self) -> bool:
+    def is_given(self) -> bool:
         """True if there are stops, or other goals."""
         return bool(self.via or self.or_goal)
 
@@ -49,20 +49,20 @@ class MissionOptions:
         return _points(self.or_goal, "--or-goal")
 
     def check(self, robot: RobotOptions, promise: PromiseOptions, result: ResultOptions) -> None:
-        """Refuse what is no place, and options that plan a single leg.
+        """Check the places, and refuse options that plan from one start to one goal.
 
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
         conflict("--any-order", self.any_order and len(self.stops) < 2, "is for two stops or more")
-        for option, given in (("--via", self.stops), ("--or-goal", self.other_goals)):
+        for option, points in (("--via", self.stops), ("--or-goal", self.other_goals)):
             for reason, holds in (
                 ("has no headings, and those matter in other spaces than r2", robot.space != "r2"),
                 ("is for a single route, and --pareto shows many", result.pareto),
                 ("is not for --max-lost, which plans from a start to a goal", promise.plans),
                 ("is not for --certify, whose proof is of one start and goal", result.certify),
             ):
-                conflict(option, bool(given) and holds, reason)
+                conflict(option, bool(points) and holds, reason)
 
     def plan(
         self, robot: RoutePlanner, start: Pose, goal: Pose, search: SearchOptions, weight: float

@@ -119,14 +119,14 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
     A `Limit` in the annotation of a parameter or a field is checked before the command runs.
     """
     hints = get_type_hints(command, include_extras=True)
-    text, _, own = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
+    text, _, entries_text = (inspect.getdoc(command) or "").partition("\n\nParameters:\n")
     groups: dict[str, Any] = {}
     limits: list[tuple[str, str, Limit]] = []
     parameters = []
     for parameter in inspect.signature(command).parameters.values():
         kind: Any = hints[parameter.name]
         if not dataclasses.is_dataclass(kind):
-            plain, info = _described(parameter.name, kind, _entries(own), limits)
+            plain, info = _described(parameter.name, kind, _entries(entries_text), limits)
             parameters.append(
                 parameter.replace(
                     annotation=Annotated[plain, info], kind=inspect.Parameter.KEYWORD_ONLY
@@ -152,15 +152,15 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             )
 
     @functools.wraps(command)
-    def expanded(**given: Any) -> None:
+    def expanded(**values: Any) -> None:
         with reporting():
             for name, option, limit in limits:
-                limit.check(given[name], option)
+                limit.check(values[name], option)
         for name, kind in groups.items():
-            own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
-            given[name] = kind(**own)
+            members = {field.name: values.pop(field.name) for field in dataclasses.fields(kind)}
+            values[name] = kind(**members)
         try:
-            command(**given)
+            command(**values)
         except KeyboardInterrupt:
             # While the command imports what it runs: typer would exit without a word.
             say("ambinav: interrupted, nothing was written.")

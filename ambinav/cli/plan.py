@@ -26,8 +26,8 @@ from ambinav.cli.running import note, reporting
 from ambinav.cli.speed_options import SpeedOptions
 
 
-def _list_planners(wanted: bool) -> None:
-    if not wanted:
+def _list_planners(is_given: bool) -> None:
+    if not is_given:
         return
     with reporting():
         from ambinav_planners.registry import has_ompl, planners

@@ -61,8 +61,8 @@ class _Planned:
     forecaster: Forecaster | None = None
 
     @property
-    def wanted(self) -> str:
-        """Name of the wanted route."""
+    def route_name(self) -> str:
+        """Name of the route that is asked for."""
         return next(iter(self.routes))
 
     def add(self, name: str, mission: MissionRoute) -> None:
@@ -136,12 +136,14 @@ class PlanCall:
             raise InputError(f"{message} The parts are drawn in {where}.") from None
         lost = self._forecast_lost(amap, planned)
         self._report(planned, lost)
-        return self.promise.status(planned.driven[planned.wanted]) if self.promise.wanted else 0
+        if not self.promise.measures_share:
+            return 0
+        return self.promise.status(planned.driven[planned.route_name])
 
     @property
     def _is_forecast(self) -> bool:
         """True if errors of the localizer or the share of lost robots are asked for."""
-        return self.forecast.wanted or self.promise.wanted or self.speed.wanted
+        return self.forecast.is_given or self.promise.measures_share or self.speed.bounds_speed
 
     def _check(self) -> None:
         """Refuse options that are of no use or contradict each other.
@@ -151,7 +153,7 @@ class PlanCall:
         """
         search, cost, promise, result = self.search, self.cost, self.promise, self.result
         search.check()
-        search.check_budget(promise.wanted)
+        search.check_budget(promise.measures_share)
         cost.check(search)
         self.robot.check()
         self.belief.check(search, self.forecast.odometry)
@@ -231,7 +233,7 @@ class PlanCall:
             return None
         if planned.forecaster is None:
             planned.forecaster = self._forecaster(amap, list(planned.routes.values()))
-        if self.promise.wanted:
+        if self.promise.measures_share:
             others = {
                 name: route for name, route in planned.routes.items() if name not in planned.driven
             }
@@ -272,8 +274,8 @@ class PlanCall:
                 each[name].update(bound=proof.bound, gap=proof.gap)
                 lines.append(f"{name}: {proof.sentence}")
         stops = self.mission.stops
-        if planned.mission is not None and self.mission.wanted:
-            visited = replace(planned.mission, route=routes[planned.wanted])
+        if planned.mission is not None and self.mission.is_given:
+            visited = replace(planned.mission, route=routes[planned.route_name])
             figures["mission"] = mission_figures(visited)
             stops = [stops[k] for k in visited.order]
             lines = [*mission_lines(visited, stops), *lines]

@@ -87,7 +87,7 @@ class SearchOptions:
             "--iterations": self.iterations is not None,
             "--seed": self.seed is not None and not drives,
         }
-        return [option for option, given in options.items() if given]
+        return [option for option, is_given in options.items() if is_given]
 
     def check_budget(self, drives: bool) -> None:
         """Refuse limits of a planner that is named and does not look at them.
@@ -100,16 +100,14 @@ class SearchOptions:
         Raises:
             InputError: there is no such planner, or an option has no effect on it.
         """
-        given = self.budget(drives)
-        if not given or self.planner == AUTO:
+        limits = self.budget(drives)
+        if not limits or self.planner == AUTO:
             return
         from ambinav_planners.registry import planner
 
-        for option in given:
-            conflict(
-                option, not planner(self.planner).uses_budget,
-                f"has no effect on the planner {self.planner}, {COMPLETE}",
-            )  # fmt: skip
+        uses_budget = planner(self.planner).uses_budget
+        reason = f"has no effect on the planner {self.planner}, {COMPLETE}"
+        conflict(limits[0], not uses_budget, reason)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -153,25 +151,15 @@ class CostOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        for option, given in (
-            ("--clearance-weight", self.clearance_weight != 0.0),
-            ("--prefer", self.prefer is not None),
-        ):
-            conflict(
-                option,
-                given and search.has_belief,
-                "is not part of the cost of the belief planners",
-            )
-        conflict(
-            "--outside-weight",
-            self.outside_weight is not None and self.prefer is None,
-            "is for --prefer",
-        )
-        conflict(
-            "--comfort",
-            self.comfort != CostOptions.comfort and self.clearance_weight == 0.0,
-            "is for --clearance-weight",
-        )
+        if search.has_belief:
+            reason = "is not part of the cost of the belief planners"
+            conflict("--clearance-weight", self.clearance_weight != 0.0, reason)
+            conflict("--prefer", self.prefer is not None, reason)
+        if self.prefer is None:
+            conflict("--outside-weight", self.outside_weight is not None, "is for --prefer")
+        if self.clearance_weight == 0.0:
+            is_given = self.comfort != CostOptions.comfort
+            conflict("--comfort", is_given, "is for --clearance-weight")
 
     @property
     def adds_metres(self) -> bool:
@@ -230,8 +218,8 @@ class LimitOptions:
         Raises:
             InputError: they are given.
         """
-        given = self.bad_level != 0.5 and self.max_bad_metres is None
-        conflict("--bad-level", given, "is for --max-bad-metres")
+        level_alone = self.bad_level != 0.5 and self.max_bad_metres is None
+        conflict("--bad-level", level_alone, "is for --max-bad-metres")
         conflict(
             "--iterations",
             search.iterations is not None and self.one_way is not None,
@@ -333,8 +321,8 @@ class BeliefOptions:
         if not search.has_belief:
             return {}
         start = self.arguments(None)["belief"].start_std
-        given = {"odometry": self._noise(), "start_std": start}
-        return {name: value for name, value in given.items() if value is not None}
+        arguments = {"odometry": self._noise(), "start_std": start}
+        return {name: value for name, value in arguments.items() if value is not None}
 
     def odometry_text(self, named: str) -> str:
         """Return what to call the odometry, unless it is a named one."""
@@ -374,22 +362,15 @@ class ResultOptions:
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
-        conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
-        conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
-        conflict("--certify", self.certify and self.pareto, "is for a single weight")
-        conflict(
-            "--weight",
-            cost.weight != CostOptions.weight and self.pareto,
-            "is for a single route, and --pareto plans for --weights",
-        )
-        conflict(
-            "--picture",
-            self.picture is not None and self.pareto,
-            "is what --pareto draws by itself",
-        )
         if self.pareto:
+            reason = "is for a single route, and --pareto plans for --weights"
+            conflict("--shortest", self.shortest, "is the first route of --pareto")
+            conflict("--certify", self.certify, "is for a single weight")
+            conflict("--weight", cost.weight != CostOptions.weight, reason)
+            conflict("--picture", self.picture is not None, "is what --pareto draws by itself")
             check_writable(output)
         else:
+            conflict("--weights", self.weights is not None, "is for --pareto")
             from ambinav.export.registry import formats
 
             check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))

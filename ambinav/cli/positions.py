@@ -22,18 +22,18 @@ class Command(typer.core.TyperCommand):
 
 def joined(args: list[str]) -> list[str]:
     """Return arguments with two values behind each of `OPTIONS`, or three numbers, as one text."""
-    made: list[str] = []
-    rest = list(args)
-    while rest:
-        name, equals, value = rest.pop(0).partition("=")
+    arguments: list[str] = []
+    remaining = list(args)
+    while remaining:
+        name, equals, value = remaining.pop(0).partition("=")
         if name not in OPTIONS:
-            made.append(f"{name}{equals}{value}")
+            arguments.append(f"{name}{equals}{value}")
             continue
         values = [value] if equals else []
-        while rest and len(values) < 3 and _is_value(rest[0], len(values)):
-            values.append(rest.pop(0))
-        made += [f"{name}={' '.join(values)}"] if values else [name]
-    return made
+        while remaining and len(values) < 3 and _is_value(remaining[0], len(values)):
+            values.append(remaining.pop(0))
+        arguments += [f"{name}={' '.join(values)}"] if values else [name]
+    return arguments
 
 
 def _is_value(text: str, place: int) -> bool:

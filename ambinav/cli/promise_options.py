@@ -40,7 +40,7 @@ class PromiseOptions:
     drives: int | None = None
 
     @property
-    def wanted(self) -> bool:
+    def measures_share(self) -> bool:
         """True if the share of lost robots is asked for."""
         return self.threshold is not None
 
@@ -55,7 +55,7 @@ class PromiseOptions:
         return self.max_lost if self.verify is None else self.verify
 
     def check(self, search: SearchOptions, cost: CostOptions, result: ResultOptions) -> None:
-        """Refuse what is no share, and options that plan otherwise.
+        """Check the shares of robots, and refuse options that contradict them.
 
         Raises:
             InputError: a value or a combination of options cannot be used.
@@ -65,15 +65,10 @@ class PromiseOptions:
                 raise InputError(
                     f"{option} is {share:g}; give a share of robots above 0 and below 1."
                 )
-            conflict(
-                option, share is not None and result.pareto,
-                "is of a single route, and --pareto shows all of them",
-            )  # fmt: skip
-        conflict(
-            "--drives",
-            self.drives is not None and not self.wanted,
-            "is for --verify and --max-lost",
-        )
+            reason = "is of a single route, and --pareto shows all of them"
+            conflict(option, share is not None and result.pareto, reason)
+        if not self.measures_share:
+            conflict("--drives", self.drives is not None, "is for --verify and --max-lost")
         if self.drives is not None and self.drives < 1:
             raise InputError(f"--drives is {self.drives}; give a number of at least 1.")
         if self.max_lost is not None:
@@ -87,7 +82,7 @@ class PromiseOptions:
         Raises:
             InputError: the class is of one, and it is not.
         """
-        if self.wanted and localizer.runs_command and not trust:
+        if self.measures_share and localizer.runs_command and not trust:
             raise InputError(
                 f"--localizer: drives of {localizer.title} would run with your rights; if you "
                 "trust it, add --trust."

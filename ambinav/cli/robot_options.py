@@ -58,11 +58,8 @@ class RobotOptions:
         if self.space in CURVES:
             above_zero("0.5").check(self.turning_radius, "--turning-radius")
         else:
-            conflict(
-                "--turning-radius",
-                self.turning_radius != 0.0,
-                "is for the spaces dubins and reeds-shepp",
-            )
+            reason = "is for the spaces dubins and reeds-shepp"
+            conflict("--turning-radius", self.turning_radius != 0.0, reason)
         for option, heading in (
             ("--start-heading", self.start_heading),
             ("--goal-heading", self.goal_heading),
@@ -71,17 +68,12 @@ class RobotOptions:
                 raise InputError(
                     f"{option}: {heading} is not a valid heading; give degrees, e.g. 90."
                 )
-            conflict(
-                option,
-                heading is not None and self.space == "r2",
-                "is for spaces other than r2, where the robot faces along its path",
-            )
+            reason = "is for spaces other than r2, where the robot faces along its path"
+            conflict(option, heading is not None and self.space == "r2", reason)
         conflict("--half-height", self.half_height is not None, "is for --space r3")
-        conflict(
-            "--robot-radius",
-            self.robot_radius is not None and self.footprint is not None,
-            "is for a disc, and --footprint gives another outline",
-        )
+        if self.footprint is not None:
+            reason = "is for a disc, and --footprint gives another outline"
+            conflict("--robot-radius", self.robot_radius is not None, reason)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `RoutePlanner` about the robot.

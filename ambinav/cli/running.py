@@ -64,22 +64,24 @@ def reporting() -> Iterator[None]:
 
 
 def _check_threads() -> None:
-    """Refuse a number of threads that numba would refuse while it is imported, or pass over."""
-    given = os.environ.get("NUMBA_NUM_THREADS")
-    if given is not None and not (given.isdecimal() and int(given) > 0):
+    """Check the number of threads in the environment; numba's own error would be unclear."""
+    threads = os.environ.get("NUMBA_NUM_THREADS")
+    if threads is not None and not (threads.isdecimal() and int(threads) > 0):
         raise InputError(
-            f"NUMBA_NUM_THREADS is {given!r} in the environment; give a whole number above zero, "
+            f"NUMBA_NUM_THREADS is {threads!r} in the environment; give a whole number above zero, "
             "or unset it."
         )
 
 
 @contextlib.contextmanager
-def resumable(work: Path | str, kept: str) -> Iterator[None]:
+def resumable(work: Path | str, kept_text: str) -> Iterator[None]:
     """Print on interruption that the command can resume, and from which file or folder."""
     try:
         yield
     except KeyboardInterrupt:
-        say(f"ambinav: interrupted; {kept} in {work}, and the same command resumes from there.")
+        say(
+            f"ambinav: interrupted; {kept_text} in {work}, and the same command resumes from there."
+        )
         raise typer.Exit(INTERRUPTED) from None
 
 

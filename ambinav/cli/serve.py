@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import typer
 
 from ambinav.cli.options import documented
-from ambinav.cli.packages import need
 from ambinav.cli.running import OUR_FAULT, reporting, say
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 
 BACKLOG = 2048
 """Connections that wait to be accepted, as in uvicorn."""

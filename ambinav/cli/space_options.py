@@ -46,9 +46,9 @@ class HeightOptions:
         """
         from ambinav.sensing.building_file import SpaceSettings
 
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        given.pop("scanner_height", None)
-        return SpaceSettings(**given)
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values.pop("scanner_height", None)
+        return SpaceSettings(**values)
 
     def load(
         self, path: Path, scanner: RangeScanner | None, robot_radius: float = 0.0, **reading: Any

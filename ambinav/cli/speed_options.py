@@ -57,7 +57,7 @@ class SpeedOptions:
     minimise: str = "cost"
 
     @property
-    def wanted(self) -> bool:
+    def bounds_speed(self) -> bool:
         """True if the forecast error bounds the speed."""
         return self.stop_sigmas is not None or self.least_time
 
@@ -81,7 +81,7 @@ class SpeedOptions:
         """
         if self.minimise not in ("cost", TIME):
             raise InputError(f"--minimise: {self.minimise!r} is neither cost nor time; give one.")
-        for option, given in (
+        for option, is_given in (
             ("--weight", cost.weight != CostOptions.weight),
             ("--layer", cost.layer is not None),
             ("--clearance-weight", cost.clearance_weight != 0.0),
@@ -91,7 +91,7 @@ class SpeedOptions:
             ("--max-bad-metres", limits.max_bad_metres is not None),
             ("--planner belief", search.has_belief),
         ):
-            conflict(option, given and self.least_time, "is not for --minimise time")
+            conflict(option, is_given and self.least_time, "is not for --minimise time")
         from ambinav.routes.clock import SpeedLimits
 
         fastest = SpeedLimits().max_speed if self.max_speed is None else self.max_speed
@@ -100,8 +100,8 @@ class SpeedOptions:
                 f"--creep-speed is {self.creep_speed:g}, more than --max-speed, {fastest:g} m/s; "
                 "give less."
             )
-        conflict("--creep-speed", self.creep_speed is not None and not self.wanted,
-                 "is for --stop-sigmas")  # fmt: skip
+        if not self.bounds_speed:
+            conflict("--creep-speed", self.creep_speed is not None, "is for --stop-sigmas")
 
     @property
     def _sigmas(self) -> float:
@@ -150,9 +150,9 @@ class SpeedOptions:
         }  # fmt: skip
         return [
             AmbiguityService(
-                with_slowness(amap, one, self.limits.max_speed, **models), LAYER, weight=1.0
+                with_slowness(amap, braking, self.limits.max_speed, **models), LAYER, weight=1.0
             )
-            for one in (rule, replace(rule, sigmas=0.0))
+            for braking in (rule, replace(rule, sigmas=0.0))
         ]
 
     def fastest(
@@ -161,8 +161,8 @@ class SpeedOptions:
         """Return which route takes the least time under the error that is forecast along it."""
         from ambinav.routes.evaluate import joints
 
-        routes = {str(k): one.route for k, one in enumerate(plans)}
-        stops = {str(k): joints(one.legs) for k, one in enumerate(plans)}
+        routes = {str(k): plan.route for k, plan in enumerate(plans)}
+        stops = {str(k): joints(plan.legs) for k, plan in enumerate(plans)}
         timed, _ = self.timed(routes, robot, forecaster, stops)
         seconds = []
         for route in timed.values():
@@ -186,7 +186,7 @@ class SpeedOptions:
             stops: Indices of poses at which the robot stops, by name.
         """
         limits, rule, bounds = self.limits, None, {}
-        if self.wanted and forecaster is not None:
+        if self.bounds_speed and forecaster is not None:
             rule = self.rule(robot.checker.footprint.outer)
             for name, route in routes.items():
                 bounds[name] = rule.bound(forecaster.map, forecaster(route))

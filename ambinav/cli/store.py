@@ -35,10 +35,10 @@ def list_maps(as_json: AsJson = False) -> None:
     with reporting():
         from ambinav.store.map_store import MapStore
         from ambinav.store.settings import size_text
-        from ambinav.store.upkeep import kept
+        from ambinav.store.upkeep import entries_of
 
         place = MapStore.of_user()
-        entries = kept(place)
+        entries = entries_of(place)
         total = sum(entry.size for entry in entries)
         if as_json:
             result = {
@@ -135,12 +135,12 @@ def prune_maps(
     with reporting():
         from ambinav.store.map_store import MapStore
         from ambinav.store.settings import parse_size, size_text
-        from ambinav.store.upkeep import kept, prune
+        from ambinav.store.upkeep import entries_of, prune
 
         place = MapStore.of_user()
         most = place.limit if limit is None else parse_size(limit, "--limit")
         count, size = prune(place, most, other_code=other_code, every=every)
-        left = kept(place)
+        left = entries_of(place)
         if as_json:
             result = {
                 "removed": count,
@@ -171,7 +171,9 @@ def _row(entry: Kept) -> dict[str, Any]:
             "environment_source": attrs["environment_source"],
             "scanner": attrs["scanner"],
             "parameters": json.loads(attrs["parameters"]),
-            "layers": [name for name, _, own, *_ in entry.about.variables if "worse" in own],
+            "layers": [
+                name for name, _, attributes, *_ in entry.about.variables if "worse" in attributes
+            ],
             "cells": cells(entry.about),
             "made": entry.about.made,
             "ambinav_version": attrs["ambinav_version"],

@@ -12,10 +12,10 @@ import typer
 
 from ambinav.cli.checks import check_suffix, conflict
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, progress_bars
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 
 WIDTH = 110
 """Columns of text where there is no terminal."""
@@ -42,7 +42,7 @@ class SubmissionOptions:
     recorded: Path | None = None
     secret: Path | None = None
 
-    def wanted(self, alone: bool) -> bool:
+    def is_given(self, alone: bool) -> bool:
         """Return whether the frozen benchmark is driven and not the leaderboard.
 
         Args:
@@ -51,18 +51,18 @@ class SubmissionOptions:
         Raises:
             InputError: an option has no effect, or would change them.
         """
-        given = [name for name in ("submit", "rerun") if getattr(self, name) is not None]
-        if not given:
+        chosen = [name for name in ("submit", "rerun") if getattr(self, name) is not None]
+        if not chosen:
             for name in ("recorded", "secret"):
                 conflict(f"--{name}", getattr(self, name) is not None, "is for --submit, --rerun")
-        elif len(given) > 1:
+        elif len(chosen) > 1:
             raise InputError("--submit and --rerun are both given; give one of the two.")
         elif not alone:
             raise InputError(
-                f"--{given[0]}: the episodes of the benchmark are fixed; give only --policy, "
+                f"--{chosen[0]}: the episodes of the benchmark are fixed; give only --policy, "
                 "--trust, --recorded, --secret, --quick and --json with it."
             )
-        return bool(given)
+        return bool(chosen)
 
     def run(self, policies: Sequence[str], trust: bool, quick: bool, as_json: bool) -> None:
         """Write a submission, or drive one again.
@@ -94,12 +94,14 @@ class SubmissionOptions:
                 )
         shown = {part: record[part] for part in ("drawn", "recorded") if part in record}
         if as_json:
-            plain = {part: {**own, "episodes": None} for part, own in shown.items()}
+            plain = {part: {**scores, "episodes": None} for part, scores in shown.items()}
             typer.echo(json.dumps({**plain, "difference": difference}, indent=2))
         else:
-            for part, own in shown.items():
+            for part, scores in shown.items():
                 columns = ("task", "score", *(f"{end} (%)" for end in ENDS))
-                figures = table(columns, _rows(own), left=columns[:1], no_wrap=columns, title=part)
+                figures = table(
+                    columns, _rows(scores), left=columns[:1], no_wrap=columns, title=part
+                )
                 show(figures, "", width=WIDTH)
             verdict = f"differs: {difference}" if difference else "episodes and scores agree"
             show(verdict if self.rerun else f"written to {self.submit}", wrap=False)
@@ -109,6 +111,10 @@ class SubmissionOptions:
 
 def _rows(part: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield a line for each task and one for all."""
-    for name, own in {**part["tasks"], "all": part["score"]}.items():
-        score = f"{own['value']:.3f} ({own['low']:.3f} to {own['high']:.3f})"
-        yield name, score, *(f"{100 * own[e] / own['count']:.1f}" if e in own else "" for e in ENDS)
+    for name, figures in {**part["tasks"], "all": part["score"]}.items():
+        score = f"{figures['value']:.3f} ({figures['low']:.3f} to {figures['high']:.3f})"
+        yield (
+            name,
+            score,
+            *(f"{100 * figures[e] / figures['count']:.1f}" if e in figures else "" for e in ENDS),
+        )

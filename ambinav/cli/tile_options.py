@@ -104,9 +104,9 @@ class TileOptions:
         if as_json:
             typer.echo(json.dumps(vars(done) | {"seconds": seconds}, indent=2))
             return
-        kept = f", {done.kept} were there" if done.kept else ""
+        reused = f", {done.kept} were there" if done.kept else ""
         repaired = f", {done.damaged} of them damaged and made again" if done.damaged else ""
-        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{repaired}")
+        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{reused}{repaired}")
         typer.echo(f"map: {output}")
 
     def _worker_count(self) -> int:
@@ -118,28 +118,15 @@ class TileOptions:
         return max(threads_of(self.scheduler), 1)
 
     def _announcement(self, plan: TilePlan, needs: TileEstimate, count: int) -> str:
+        from ambinav.map_building.estimate import time_text
+        from ambinav.store.settings import size_text
+
         rows, columns = plan.shape
         headed = f" with {needs.headings} headings" if needs.headings > 1 else ""
         by = "1 worker" if count == 1 else f"{count} workers"
         return (
             f"about {needs.poses} poses{headed} in {needs.tiles} tiles ({rows} x {columns}); "
-            f"{_minutes(needs.seconds)} on {by}, up to {_size(needs.stored)} on disk, "
-            f"{_size(needs.sent)} of the building sent to workers, {_size(needs.memory)} of memory "
-            "in each"
+            f"{time_text(needs.seconds)} on {by}, up to {size_text(needs.stored)} on disk, "
+            f"{size_text(needs.sent)} of the building sent to workers, "
+            f"{size_text(needs.memory)} of memory in each"
         )
-
-
-def _minutes(seconds: float) -> str:
-    if seconds < 45.0:
-        return "less than a minute"
-    minutes = seconds / 60.0
-    if minutes < 90.0:
-        return f"about {max(round(minutes), 1)} min"
-    return f"about {minutes / 60.0:.1f} h"
-
-
-def _size(count: float) -> str:
-    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
-        if count >= size:
-            return f"{count / size:.1f} {unit}"
-    return f"{max(round(count / 1e3), 1)} kB"

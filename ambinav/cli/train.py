@@ -13,9 +13,9 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.limits import above_zero, at_least
-from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import INTERRUPTED, check_writable, reporting, say
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import TRAINED, need
 
 if TYPE_CHECKING:
     from ambinav_envs.training.run import StatusCallback, TrainingStatus
@@ -69,11 +69,11 @@ def train(
                 command = ("ambinav", *sys.argv[1:])
                 summary = run(config, output, resume=resume, command=command, callback=callback)
         except (KeyboardInterrupt, SystemExit) as stop:
-            kept = output / CHECKPOINTS
+            saved_in = output / CHECKPOINTS
             say(
-                f"ambinav: interrupted; the training so far is in {kept}, and the same command "
+                f"ambinav: interrupted; the training so far is in {saved_in}, and the same command "
                 "with --resume continues from there."
-                if kept.is_dir()
+                if saved_in.is_dir()
                 else "ambinav: interrupted before the first round was done; nothing was saved."
             )
             if isinstance(stop, SystemExit):

@@ -43,21 +43,18 @@ class VolumeOptions:
     heights: str | None = None
 
     def check(self, space: SpaceOptions, tiling: TileOptions) -> None:
-        """Refuse what is no row of heights, and options for robots on the floor.
+        """Check the heights, and refuse options for robots on the floor.
 
         Raises:
             InputError: a value or a combination of options cannot be used.
         """
         if self.heights is not None:
-            highest, asked = self.values()[-1], self.heights.split(":")
-            if len(asked) > 1 and not math.isclose(highest, float(asked[1]), abs_tol=1e-6):
-                note(f"--heights: the steps end at {highest:g} m, not at {float(asked[1]):g} m.")
-            for option, given in (
-                ("--scanner-height", space.scanner_height is not None),
-                ("--tile", tiling.tile is not None),
-            ):
-                conflict(option, given, "is for a robot on the floor, and --heights for one that "
-                         "flies")  # fmt: skip
+            highest, numbers = self.values()[-1], self.heights.split(":")
+            if len(numbers) > 1 and not math.isclose(highest, float(numbers[1]), abs_tol=1e-6):
+                note(f"--heights: the steps end at {highest:g} m, not at {float(numbers[1]):g} m.")
+            floor = "is for a robot on the floor, and --heights for one that flies"
+            conflict("--scanner-height", space.scanner_height is not None, floor)
+            conflict("--tile", tiling.tile is not None, floor)
 
     def values(self) -> list[float]:
         """Return the heights, metres.

@@ -37,17 +37,17 @@ class _Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping whose keys differ."""
-        known = set()
+        seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode) or key.tag == MERGE:
                 continue
             # With its type: 1 and "1" are two keys.
             word = key.tag, key.value
-            if word in known:
+            if word in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"the key {key.value!r} is given twice", key.start_mark
                 )
-            known.add(word)
+            seen.add(word)
         return super().construct_mapping(node, deep)
 
 

@@ -34,7 +34,7 @@ class ConfigModel(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known(cls, plain: Any) -> Any:
+    def _check_type_and_keys(cls, plain: Any) -> Any:
         if isinstance(plain, cls):
             return plain
         if not isinstance(plain, Mapping):
@@ -66,13 +66,13 @@ def checked(model: type[Model], plain: object, where: str) -> Model:
         raise InputError(_error_text(error, where)) from error
 
 
-def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
+def check_keys(plain: Mapping[Any, Any], allowed: Iterable[str]) -> None:
     """Check that all keys are known.
 
     Raises:
         InputError: a key is unknown; the nearest known ones are offered.
     """
-    names = list(known)
+    names = list(allowed)
     for key in plain:
         if key not in names:
             raise InputError(f"the key {key!r} is unknown; {nearest(str(key), names)}.")
@@ -86,12 +86,12 @@ def from_mapping(kind: type[Made], plain: object) -> Made:
     """
     if isinstance(plain, kind):
         return plain
-    known = fields(kind)  # type: ignore[arg-type]
-    names = [field.name for field in known]
+    model_fields = fields(kind)  # type: ignore[arg-type]
+    names = [field.name for field in model_fields]
     if not isinstance(plain, Mapping):
         raise _no_mapping(plain, names)
     check_keys(plain, names)
-    for field in known:
+    for field in model_fields:
         left_out = field.default is MISSING and field.default_factory is MISSING
         if left_out and field.name not in plain:
             raise InputError(f"the key {field.name!r} is missing; add it.")
@@ -145,8 +145,8 @@ def _checks(kind: Any) -> dict[str, Callable[[Any], Any]]:
     return {field.name: TypeAdapter(hints[field.name]).validate_python for field in fields(kind)}
 
 
-def _no_mapping(plain: object, known: Iterable[str]) -> FaultError:
-    return fault(plain, f"give a mapping with the keys {', '.join(known)}")
+def _no_mapping(plain: object, keys: Iterable[str]) -> FaultError:
+    return fault(plain, f"give a mapping with the keys {', '.join(keys)}")
 
 
 def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
@@ -160,8 +160,8 @@ def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) 
     if isinstance(cause, ValueError):
         # The parts name themselves.
         message = str(cause)
-        for own in (place, place.rpartition(".")[2]):
-            message = message.removeprefix(f"{own}: ") if own else message
+        for prefix in (place, place.rpartition(".")[2]):
+            message = message.removeprefix(f"{prefix}: ") if prefix else message
         return f"{at}: {message.rstrip('.')}."
     if first["type"] == "missing":
         inside, _, key = place.rpartition(".")

@@ -128,11 +128,11 @@ some_numbers: Final = BeforeValidator(_numbers)
 
 def choice(names: Iterable[str]) -> BeforeValidator:
     """Return a validator of a name; for an unknown one, the nearest are suggested."""
-    known = tuple(names)
+    allowed = tuple(names)
 
     def check(value: Any) -> str:
-        if not isinstance(value, str) or value not in known:
-            raise fault(value, nearest(str(value), known))
+        if not isinstance(value, str) or value not in allowed:
+            raise fault(value, nearest(str(value), allowed))
         return value
 
     return BeforeValidator(check)
@@ -150,15 +150,15 @@ def _text(value: Any) -> str:
     return value.strip()
 
 
-def _allowed_text(what: str, above: float | None, least: float | None, most: float | None) -> str:
+def _allowed_text(noun: str, above: float | None, least: float | None, most: float | None) -> str:
     """Describe in words which value to give."""
     if above is not None:
-        return f"give a {what} above {above:g}" + ("" if most is None else f", at most {most:g}")
+        return f"give a {noun} above {above:g}" + ("" if most is None else f", at most {most:g}")
     if least is not None and most is not None:
-        return f"give {'' if what == 'number' else f'a {what} from '}{least} to {most}"
+        return f"give {'' if noun == 'number' else f'a {noun} from '}{least} to {most}"
     if least is not None:
-        return f"give a {what} of at least {least}"
-    return "give a finite number" if most is None else f"give a {what} of at most {most}"
+        return f"give a {noun} of at least {least}"
+    return "give a finite number" if most is None else f"give a {noun} of at most {most}"
 
 
 Number: TypeAlias = Annotated[float, number()]

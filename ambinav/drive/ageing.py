@@ -111,20 +111,20 @@ def with_moved_furniture(
         pieces = bodies.pieces(things)
     rings_of = [[k for k, _ in piece.things] for piece in pieces]
     gaps = [
-        min(passage, *shapely.distance(piece.on_plan, np.delete(lines, own)).tolist())
-        for piece, own in zip(pieces, rings_of, strict=True)
+        min(passage, *shapely.distance(piece.on_plan, np.delete(lines, own_lines)).tolist())
+        for piece, own_lines in zip(pieces, rings_of, strict=True)
     ]
-    gone, put = [], []
-    for piece, own, gap in zip(pieces, rings_of, gaps, strict=True):
+    removed, put = [], []
+    for piece, own_lines, gap in zip(pieces, rings_of, gaps, strict=True):
         shift = None
         if gap > TOUCHING:
-            shift = _sample_shift(piece, np.delete(lines, own), bodies, std, rng, gap)
+            shift = _sample_shift(piece, np.delete(lines, own_lines), bodies, std, rng, gap)
         if shift is not None:
             if bodies is not None:
                 bodies.move(piece, translated(piece.shape, shift), shift)
             for k, thing in piece.things:
                 place = translated(thing, shift)
-                gone.append(thing)
+                removed.append(thing)
                 put.append(place)
                 lines[k] = place.exterior
     if not put:
@@ -133,7 +133,7 @@ def with_moved_furniture(
     plain = Environment(
         mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution
     )
-    world = plain.edited([Obstacle(place) for place in put], shapely.union_all(gone))
+    world = plain.edited([Obstacle(place) for place in put], shapely.union_all(removed))
     return world if bodies is None else world.in_space(bodies.moved(), mapped.floor)
 
 

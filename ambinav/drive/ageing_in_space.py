@@ -20,12 +20,12 @@ from ambinav.runtime.errors import InputError
 Thing = tuple[int, shapely.Polygon]
 
 
-def prisms_of(environment: Environment, what: str) -> Prisms | None:
+def prisms_of(environment: Environment, effect: str) -> Prisms | None:
     """Return the prisms of an environment; None for a plan.
 
     Args:
         environment: The building.
-        what: What is asked of it: a noun in the singular.
+        effect: What is asked of it: a noun in the singular.
 
     Raises:
         InputError: it is a mesh, or the map of a building that keeps the floor alone.
@@ -36,8 +36,8 @@ def prisms_of(environment: Environment, what: str) -> Prisms | None:
     # Asked for its surfaces, a space that was not kept says so itself.
     triangles = len(space.surface_kind)
     raise InputError(
-        f"{environment.name}: it is a mesh of {triangles} triangles, and {what} is known for plans "
-        "and prisms alone; give its plan, in Python environment.plan."
+        f"{environment.name}: it is a mesh of {triangles} triangles, and {effect} is known for "
+        "plans and prisms alone; give its plan, in Python environment.plan."
     )
 
 
@@ -60,8 +60,8 @@ def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: flo
 
 def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
     """Return prisms with moved walls and outlines; heights stay the same."""
-    given = prisms.given
-    rows, owner = bent_lines(given.xy, moved, piece)
+    sheets = prisms.given
+    rows, owner = bent_lines(sheets.xy, moved, piece)
     solids = [
         replace(solid, outline=part)
         for solid in prisms.solids
@@ -69,7 +69,7 @@ def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float)
         if part.area > NO_AREA
     ]
     return prisms.refilled(
-        given.among(owner)._replace(xy=rows),
+        sheets.among(owner)._replace(xy=rows),
         solids=solids,
         free=None if prisms.free is None else bent_area(prisms.free, moved, piece),
     )
@@ -151,11 +151,11 @@ class Bodies:
             bodies = np.flatnonzero(np.isin(self._part, parts) & self._above)
             if not len(bodies) or not self._movable[bodies].all():
                 continue
-            own = [things[k] for k in mine.tolist()]
-            covered = self._covered([outline for _, outline in own], bodies)
+            members = [things[k] for k in mine.tolist()]
+            covered = self._covered([outline for _, outline in members], bodies)
             if covered is not None:
                 low, high = self.low[bodies].min(), self.high[bodies].max()
-                pieces.append(Piece(own, *covered, bodies, float(low), float(high)))
+                pieces.append(Piece(members, *covered, bodies, float(low), float(high)))
         return pieces
 
     def _covered(

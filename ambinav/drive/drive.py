@@ -125,7 +125,7 @@ def drive_route(
     checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)
     start = checked_start(route, checker)
     # Streams of their own, so that what one part draws changes nothing for the others.
-    *streams, own = rng.spawn(5)
+    *streams, localizer_rng = rng.spawn(5)
     odometry_states, reading_states, walkers, start_states = (
         random_states(stream, runs) for stream in streams
     )
@@ -139,7 +139,7 @@ def drive_route(
     sight, crowd = Readings(world, scanner), None
     if people is not None and people.count:
         crowd = Crowd(world, people, robot.radius, robots.truth, walkers)
-    context = LocalizerContext(environment, scanner, noise, runs, own)
+    context = LocalizerContext(environment, scanner, noise, runs, localizer_rng)
     estimator = make_localizer(localizer, context, robot, rate)
     covariance = np.zeros((runs, 3, 3))
     if estimator is not None:
@@ -148,7 +148,7 @@ def drive_route(
         )
     # Simulated only if they are read, so that all other random numbers stay the same.
     hears = estimator is not None and reads_intensities(estimator)
-    intensity_states = random_states(own.spawn(1)[0], runs) if hears else None
+    intensity_states = random_states(localizer_rng.spawn(1)[0], runs) if hears else None
     intensities = None
     record = Recorder(runs, steps, scanner.beams if keep_ranges else None)
     ranges = np.empty((runs, 0), dtype=np.float32)

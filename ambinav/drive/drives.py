@@ -136,19 +136,19 @@ class Recorder:
         open_loop: bool,
     ) -> Drives:
         """Return everything added; `dt` is the time between two samples, seconds."""
-        kept = slice(0, self._count)
-        truth, odometry, estimate = (poses[:, kept].copy() for poses in self._poses)
+        recorded = slice(0, self._count)
+        truth, odometry, estimate = (poses[:, recorded].copy() for poses in self._poses)
         return Drives(
             dt * np.arange(self._count, dtype=np.float64),
             truth,
             odometry,
             estimate,
-            self._covariance[:, kept].copy(),
-            self._updated[:, kept].copy(),
+            self._covariance[:, recorded].copy(),
+            self._updated[:, recorded].copy(),
             self._samples,
             outcome,
             goal,
             length,
             open_loop,
-            None if self._ranges is None else self._ranges[:, kept].copy(),
+            None if self._ranges is None else self._ranges[:, recorded].copy(),
         )

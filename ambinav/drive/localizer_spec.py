@@ -224,15 +224,15 @@ def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, A
     Raises:
         InputError: the type is unknown.
     """
-    name, given = _split(plain)
+    name, parameters = _split(plain)
     with LOCALIZERS.calling(name):
-        more = dict(LOCALIZERS.get(name).suited(scanner, given))
+        more = dict(LOCALIZERS.get(name).suited(scanner, parameters))
     if not more:
         return plain if isinstance(plain, str) else dict(plain)
-    return {"type": name, **more, **given}
+    return {"type": name, **more, **parameters}
 
 
 def _split(plain: Mapping[str, Any] | str) -> tuple[str, dict[str, Any]]:
     """Return name and parameters."""
-    given = {"type": plain} if isinstance(plain, str) else dict(plain)
-    return str(given.pop("type", DEFAULT)), given
+    parameters = {"type": plain} if isinstance(plain, str) else dict(plain)
+    return str(parameters.pop("type", DEFAULT)), parameters

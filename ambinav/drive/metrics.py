@@ -158,8 +158,8 @@ def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tupl
     angle = np.asarray(amap.sample("direction", *np.moveaxis(truth, -1, 0)))
     c, s = np.cos(angle), np.sin(angle)
     parts = (c * errors[..., 0] + s * errors[..., 1], c * errors[..., 1] - s * errors[..., 0])
-    known = ~np.isnan(parts[0])
-    count = known.sum(axis=1)
+    is_known = ~np.isnan(parts[0])
+    count = is_known.sum(axis=1)
     weak, strong = (
         np.sqrt(
             np.divide(
@@ -198,9 +198,9 @@ def _nees(errors: Floats, covariance: Floats) -> Floats:
     squared[usable] = np.where(
         full, (along**2 / np.maximum(spread, LEAST_STD**2)).sum(axis=-1), math.nan
     )
-    known = ~np.isnan(squared)
-    count = known.sum(axis=1)
-    total = np.where(known, squared, 0.0).sum(axis=1)
+    is_known = ~np.isnan(squared)
+    count = is_known.sum(axis=1)
+    total = np.where(is_known, squared, 0.0).sum(axis=1)
     out = np.full(len(errors), math.nan)
     np.divide(total, count, out=out, where=count > 0)
     return out

@@ -37,4 +37,4 @@ def odometry_of(which: str | OdometryNoise | None) -> OdometryNoise:
 
 def odometry_name(odometry: OdometryNoise) -> str:
     """Return the name of an odometry; "other" if it has none."""
-    return next((name for name, known in ODOMETRIES.items() if known == odometry), "other")
+    return next((name for name, noise in ODOMETRIES.items() if noise == odometry), "other")

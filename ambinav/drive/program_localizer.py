@@ -201,8 +201,8 @@ class ProgramLocalizer:
         until = time.monotonic() + self._parameters.seconds
         while message or b"\n" not in self._pending:
             writing = [self._into] if message else []
-            rest = max(0.0, until - time.monotonic())
-            readable, writable, _ = select.select([self._from], writing, [], rest)
+            seconds_left = max(0.0, until - time.monotonic())
+            readable, writable, _ = select.select([self._from], writing, [], seconds_left)
             if not readable and not writable:
                 raise self._failure(
                     f"did not answer in {self._parameters.seconds:g} s; give it more (seconds), "
@@ -228,8 +228,8 @@ class ProgramLocalizer:
         except (KeyError, TypeError, ValueError):
             array = np.empty(0)
         if array.shape != shape or not np.isfinite(array).all():
-            wanted = " x ".join(map(str, shape))
-            raise self._failure(f"answered no {name} of {wanted} finite numbers; correct it")
+            size_text = " x ".join(map(str, shape))
+            raise self._failure(f"answered no {name} of {size_text} finite numbers; correct it")
         return array
 
     def _ended(self) -> InputError:
@@ -243,8 +243,8 @@ class ProgramLocalizer:
         words = f": {_short(lines[-1])}" if lines else ""
         return self._failure(f"ended with status {status}{words}")
 
-    def _failure(self, what: str) -> InputError:
-        return InputError(f"localizer `{shlex.join(self._parameters.command)}` {what}.")
+    def _failure(self, problem: str) -> InputError:
+        return InputError(f"localizer `{shlex.join(self._parameters.command)}` {problem}.")
 
 
 def _end(

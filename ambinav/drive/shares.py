@@ -78,8 +78,8 @@ def evidence_of(values: Floats, group: NDArray[np.generic] | None, level: float)
     correlation = (effect - 1.0) / (size - 1.0)
     _, kinds = np.unique(values, return_counts=True)
     events = count - int(kinds.max())
-    known = events / (events + LIKELY_EVENTS)
-    likely = known * correlation + (1.0 - known) * LIKELY_CORRELATION
+    weight = events / (events + LIKELY_EVENTS)
+    likely = weight * correlation + (1.0 - weight) * LIKELY_CORRELATION
     return Evidence(count / (1.0 + (size - 1.0) * max(correlation, likely, 0.0)), quantile)
 
 

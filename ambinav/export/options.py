@@ -162,17 +162,17 @@ class MapExport:
         """
         return np.where(self.amap.judged.counted, self.floor(layer), np.nan)
 
-    def note_empty(self, path: Path, what: str) -> None:
+    def note_empty(self, path: Path, contents: str) -> None:
         """Warn that a written file is empty, as a reader might take it for damaged.
 
         Args:
             path: The file.
-            what: What there is none of, and what it is of.
+            contents: What there is none of, and what it is of.
 
         Warns:
             InputWarning: always.
         """
-        warnings.warn(f"{path.name}: it is empty, for {what}.", InputWarning, stacklevel=3)
+        warnings.warn(f"{path.name}: it is empty, for {contents}.", InputWarning, stacklevel=3)
 
     def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
         """Return the codes of the named zones, each once, or the usual ones."""

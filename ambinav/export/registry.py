@@ -52,10 +52,10 @@ class Exporter:
         """Name in the registry and of an entry point: "route-gpx"; for a map the format."""
         return self.format if self.subject == "map" else f"{self.subject}-{self.format}"
 
-    def written(self, what: Any, path: Path) -> tuple[Path, ...]:
+    def written(self, subject: Any, path: Path) -> tuple[Path, ...]:
         """Call `write`; the failure of a plug-in is an `InputError` that names it."""
         with EXPORTERS.calling(self.name):
-            return tuple(map(Path, self.write(what, path)))
+            return tuple(map(Path, self.write(subject, path)))
 
 
 EXPORTERS: Final = Registry(
@@ -104,12 +104,12 @@ def exporter(subject: Subject, path: Path) -> Exporter:
         InputError: no format has this suffix.
     """
     suffix = path.suffix.lower().removeprefix(".")
-    known = formats(subject)
-    if suffix not in known:
+    suffixes = formats(subject)
+    if suffix not in suffixes:
         if path.is_dir():
             raise InputError(f"{path}: this is a folder; name a file in it.")
         raise InputError(
             f"{path}: the ending {path.suffix!r} names no format of {subject}s; choose "
-            f".{', .'.join(known)}."
+            f".{', .'.join(suffixes)}."
         )
     return EXPORTERS.get(f"{subject}-{suffix}")

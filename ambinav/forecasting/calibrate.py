@@ -122,8 +122,8 @@ def calibrate(
     part = np.array([part_of[name] for name in buildings.tolist()])
     left_out = np.empty(len(routes))
     for fold in range(folds):
-        kept = [route for route, p in zip(routes, part, strict=True) if p != fold]
-        fitted = _fitted(localizer, kept, start)
+        other_folds = [route for route, p in zip(routes, part, strict=True) if p != fold]
+        fitted = _fitted(localizer, other_folds, start)
         out = part == fold
         left = [route for route, o in zip(routes, out, strict=True) if o]
         left_out[out] = fitted.calibrated(raw_shares(fitted, left, start))

@@ -149,8 +149,8 @@ class Forecaster:
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap
-        kept, scanner = place_and_scanner(amap, None)
-        self._building = kept if environment is None else environment
+        map_environment, scanner = place_and_scanner(amap, None)
+        self._building = map_environment if environment is None else environment
         self._scanner = scanner
         note = self.localizer.chosen(scanner, self.odometry).note(scanner)
         if note is not None:
@@ -378,8 +378,8 @@ def sampled(route: Route, distance: float, angle: float) -> tuple[Floats, Floats
         each, shape (n,).
     """
     poses, _, along = route.steering.dense(route.poses, distance / FINER)
-    kept = updates_apart(poses, along, distance, angle)
-    return poses[kept], along[kept]
+    is_update = updates_apart(poses, along, distance, angle)
+    return poses[is_update], along[is_update]
 
 
 def in_words(probability: float) -> str:

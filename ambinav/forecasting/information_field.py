@@ -217,11 +217,11 @@ class _Turning:
     """Information of a scan about the heading, and its coupling with the position."""
 
     def __init__(self, amap: AmbiguityMap, building: Environment | None) -> None:
-        kept, scanner = place_and_scanner(amap, None)
+        map_environment, scanner = place_and_scanner(amap, None)
         if not amap.has_theta:
             # As the map is: else it would depend on where heading 0 is.
             scanner = scanner.centred
-        environment = kept if building is None else building
+        environment = map_environment if building is None else building
         parameters = json.loads(amap.dataset.attrs["parameters"])
         for name in ("tau", "map_std", "beams", "beams_used"):
             if name not in parameters:
@@ -273,8 +273,8 @@ def _used(scanner: RangeScanner, beams_used: int) -> Floats:
     of many.
     """
     sizes = np.array([len(part.layout.mounts()) for part in scanner.parts])
-    kept = np.array([len(part.layout.mounts()) for part in scanner.thinned(beams_used).parts])
-    share = kept / sizes * (beams_used / kept.sum())
+    used = np.array([len(part.layout.mounts()) for part in scanner.thinned(beams_used).parts])
+    share = used / sizes * (beams_used / used.sum())
     return np.asarray(np.repeat(share, sizes), dtype=np.float64)
 
 

@@ -27,7 +27,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError, InputWarning
-from ambinav.runtime.progress import Progress, silent, within
+from ambinav.runtime.progress import Progress, silent, step_of
 from ambinav.store.map_store import MapStore
 from ambinav.version import __version__
 
@@ -141,16 +141,12 @@ def study_localizer(
     for i, (name, environment) in enumerate(buildings.items()):
         routes = fair_routes(name, environment, settings)
         for j, called in enumerate(settings.scanners):
-            before = i * len(settings.scanners) + j
-
-            def report_part(share: float, before: int = before) -> None:
-                progress((before + share) / parts)
-
-            for route in driver.drives(name, environment, called, routes, report_part):
+            part = step_of(progress, i * len(settings.scanners) + j, parts)
+            for route in driver.drives(name, environment, called, routes, part):
                 driven.append(route)
                 scanners.append(called)
     calibration = calibrate(
         begin, driven, rng_of(settings.seed, "folds"), start_std=START_STD,
-        progress=within(progress, (parts - 1) / parts, 1.0),
+        progress=step_of(progress, parts - 1, parts),
     )  # fmt: skip
     return StudiedRoutes(tuple(driven), tuple(scanners), calibration)

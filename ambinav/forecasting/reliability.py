@@ -21,7 +21,7 @@ from ambinav.runtime.array_types import Floats, Ints
 EDGES: Final = (0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 """Forecasts at the borders of the bins."""
 DIGITS: Final = 4
-"""Of the shares that a bin keeps."""
+"""Digits after the point of the shares in a bin."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -70,8 +70,8 @@ def repeated(edges: Floats, segments: Floats) -> Bools:
         )
         return row_keys(np.where(swap[:, None], lines[:, [2, 3, 0, 1]], lines))
 
-    known = set(keys(segments))
-    return np.array([row in known for row in keys(edges)], dtype=np.bool_)
+    segment_keys = set(keys(segments))
+    return np.array([row in segment_keys for row in keys(edges)], dtype=np.bool_)
 
 
 def row_keys(rows: Floats) -> list[Hashable]:

@@ -156,25 +156,25 @@ def _with_floor(
         ends = np.column_stack([start[mine], end[mine]])
         ends = ends[(ends[:, 1] - ends[:, 0]) * np.hypot(*(row[2:] - row[:2])) > 2.0 * ON_BORDER]
         # A part that lies behind a new obstacle does no harm; in the floor it would be a wall.
-        gone = _inside(between(row, ends), free)
+        is_removed = _inside(between(row, ends), free)
         left = between(row, complement(ends))
-        if gone.any() or not len(left):
+        if is_removed.any() or not len(left):
             pieces[int(border[k])] = left
     stays = np.ones(len(old), dtype=np.bool_)
     stays[list(pieces)] = False
     cut = np.concatenate([np.empty((0, 4)), *pieces.values()])
     kinds = np.repeat(old.kind[list(pieces)], [len(piece) for piece in pieces.values()])
-    kept = np.concatenate([old.xy[stays], cut])
+    segments = np.concatenate([old.xy[stays], cut])
     edges = edges_of(free)
-    edges = edges[~repeated(edges, kept)]
-    owner, start, end = bare_pieces(edges, kept, ON_BORDER)
+    edges = edges[~repeated(edges, segments)]
+    owner, start, end = bare_pieces(edges, segments, ON_BORDER)
     fresh = np.concatenate(
         [np.empty((0, 4)), *map(between, edges[owner], np.column_stack([start, end])[:, None])]
     )
     fresh = fresh[np.hypot(*(fresh[:, 2:] - fresh[:, :2]).T) > 2.0 * ON_BORDER]
     lit = shapely.dwithin(shapely.union_all(bright), _middles(fresh), ON_BORDER)
     kinds = np.concatenate([old.kind[stays], kinds, np.where(lit, REFLECTOR, WALL)])
-    return replace(building, segments=Segments(np.concatenate([kept, fresh]), kinds), free=free)
+    return replace(building, segments=Segments(np.concatenate([segments, fresh]), kinds), free=free)
 
 
 def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:

@@ -168,12 +168,12 @@ def _without(
     shapely.prepare(shape)
     lines = shapely.linestrings(sheets.xy.reshape(-1, 2, 2))
     met = _stands(sheets.z, floor) & shapely.intersects(lines, shape)
-    kept = [sheets.among(~met)]
+    sheet_parts = [sheets.among(~met)]
     for k in np.flatnonzero(met):
         # A wall on the edge of the shape stays.
         parts = [shapely.difference(lines[k], shape), lines[k].intersection(shape.boundary)]
         rows = np.concatenate([straight(part) for part in parts])
-        kept.append(sheets.among(np.full(len(rows), k))._replace(xy=rows))
+        sheet_parts.append(sheets.among(np.full(len(rows), k))._replace(xy=rows))
     solids: list[Solid] = []
     for solid in space.solids:
         stands = _stands(np.array([[solid.bottom, solid.top]]), floor)[0]
@@ -187,16 +187,16 @@ def _without(
             if part.geom_type == "Polygon" and part.area > NO_AREA
         ]
     standing = [edges_of(s.outline) for s in solids if s.bottom <= floor + STANDING]
-    closed = np.concatenate([part.xy for part in kept] + standing)
+    closed = np.concatenate([part.xy for part in sheet_parts] + standing)
     edges = edges_of(after.free)
     fresh = edges[~repeated(edges, edges_of(before.free))]
     fresh = _parts(fresh, edges_of(shape), ON_BORDER, covered=True)
     fresh = _parts(fresh, closed, ON_BORDER, covered=False)
-    kept.append(Sheets.of(fresh, floor, top_of(space)))
+    sheet_parts.append(Sheets.of(fresh, floor, top_of(space)))
     free = space.free
     if free is not None and not shapely.covers(free, shape):
         free = shapely.union(free, shape)
-    return space.refilled(Sheets.joined(kept), solids=solids, free=free)
+    return space.refilled(Sheets.joined(sheet_parts), solids=solids, free=free)
 
 
 def _stands(z: Floats, floor: float) -> Bools:

@@ -421,9 +421,9 @@ class Environment:
         after, changed = applied(before, add, remove)
         space, content = self.space, [after.segments, after.free, after.drivable]
         if space is not None:
-            known = space.checksum
+            checksum_before = space.checksum
             space = edited_space(space, self.floor, before, after, add, remove)
-            changed |= space.checksum != known
+            changed |= space.checksum != checksum_before
             content.append(space.checksum)
         if not changed and name in (None, self.name):
             return self

@@ -145,7 +145,7 @@ class Obstacle:
         return cls(thick, reflective)
 
 
-def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
+def checked_outline(outline: BaseGeometry, name: str) -> BaseGeometry:
     """Return a shape without heights.
 
     Raises:
@@ -154,24 +154,24 @@ def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
     outline = shapely.force_2d(outline)
     points = shapely.get_coordinates(outline)
     if len(points) == 0:
-        raise InputError(f"{what}: its outline is empty; give it points.")
+        raise InputError(f"{name}: its outline is empty; give it points.")
     if not (np.abs(points) <= FURTHEST).all():
         raise InputError(
-            f"{what}: a coordinate is not finite, or beyond any building; give metres in the map "
+            f"{name}: a coordinate is not finite, or beyond any building; give metres in the map "
             "frame."
         )
     if outline.geom_type.endswith("Polygon") and not outline.is_valid:
         raise InputError(
-            f"{what}: its outline is not a simple polygon ({shapely.is_valid_reason(outline)}); "
+            f"{name}: its outline is not a simple polygon ({shapely.is_valid_reason(outline)}); "
             "give edges that do not cross."
         )
     return outline
 
 
-def _finite(what: str, **values: float) -> None:
+def _finite(label: str, **values: float) -> None:
     for name, value in values.items():
         if not math.isfinite(value):
-            raise InputError(f"{what}: {name} is {value}; give a finite number of metres.")
+            raise InputError(f"{label}: {name} is {value}; give a finite number of metres.")
 
 
 def _place(outline: BaseGeometry) -> str:

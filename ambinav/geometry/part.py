@@ -157,17 +157,17 @@ class PartCutter:
             box: (xmin, ymin, xmax, ymax), metres.
             footprints: All that bodies touch lies in this one; None: in `box`.
         """
-        kept = self._within(box)
-        if not len(kept):
+        members = self._within(box)
+        if not len(members):
             return None
         env = self.environment
         mesh = env.triangulation
-        half = (3 * kept[:, None] + np.arange(3)).ravel()
+        half = (3 * members[:, None] + np.arange(3)).ravel()
         triangles = mesh.corner[half].reshape(-1, 3, 2)
         twin = mesh.twin[half]
         beside = np.maximum(twin, 0) // 3
-        place = np.minimum(np.searchsorted(kept, beside), len(kept) - 1)
-        cut = (twin >= 0) & (kept[place] != beside)
+        place = np.minimum(np.searchsorted(members, beside), len(members) - 1)
+        cut = (twin >= 0) & (members[place] != beside)
         # In the order in which `Triangulation.from_triangles` numbers open edges.
         open_half = np.flatnonzero((twin < 0) | cut)
         is_rim = cut[open_half]

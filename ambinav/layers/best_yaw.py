@@ -53,14 +53,14 @@ def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, Floats32]:
     pieces = view_radii(context.lattice, possible, np.arange(points), views, context.model)
     for numbers, at, major, minor in pieces:
         level = (major + minor) / 2
-        known = np.isfinite(level)
+        is_finite = np.isfinite(level)
         for i in numbers:
             # Among equal values choose the first, independent of their order.
             better = (level < least[at]) | ((level == least[at]) & (i < best[at]))
-            better &= known
+            better &= is_finite
             least[at[better]], best[at[better]] = level[better], i
-            total[at[known]] += level[known]
-            count[at[known]] += 1
+            total[at[is_finite]] += level[is_finite]
+            count[at[is_finite]] += 1
     nowhere = count == 0
     lowest = np.where(nowhere, np.nan, least)
     angle = (turns[best] + axis(context.full_scanner)) % (2.0 * math.pi)

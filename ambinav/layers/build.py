@@ -113,17 +113,17 @@ def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
 
 def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:
     by_name = {layer.name: layer for layer in chosen}
-    for name, given in options.items():
+    for name, layer_options in options.items():
         if name not in by_name:
             raise InputError(
                 f"options of {name!r}: this layer is not asked for; the layers are "
                 f"{', '.join(by_name) or 'none'}."
             )
         # The first is the context.
-        known = list(inspect.signature(by_name[name].compute).parameters)[1:]
-        for key in given:
-            if key not in known:
-                offer = f"it takes {', '.join(known)}" if known else "it takes none"
+        parameters = list(inspect.signature(by_name[name].compute).parameters)[1:]
+        for key in layer_options:
+            if key not in parameters:
+                offer = f"it takes {', '.join(parameters)}" if parameters else "it takes none"
                 raise InputError(f"layer {name}: it has no option {key!r}; {offer}.")
 
 

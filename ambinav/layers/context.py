@@ -54,7 +54,7 @@ class LayerContext:
     model: AmbiguityModel
     amap: AmbiguityMap | None = None
     mounted: RangeScanner | None = None
-    _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(
@@ -75,10 +75,10 @@ class LayerContext:
             InputError: the map does not say how it was made.
         """
         parameters = amap.parameters
-        wanted = {item.name for item in fields(AmbiguityModel)}
+        model_fields = {item.name for item in fields(AmbiguityModel)}
         # Maps of earlier versions have no robot radius.
         parameters.setdefault("robot_radius", 0.0)
-        missing = sorted((wanted | {"beams_used"}) - parameters.keys())
+        missing = sorted((model_fields | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
             raise InputError(
                 f"{amap.source}: its parameters lack {', '.join(missing) or 'the scanner'}, so no "
@@ -105,7 +105,7 @@ class LayerContext:
             lattice,
             np.asarray(headings, dtype=np.float64),
             amap.has_theta,
-            AmbiguityModel(**{name: parameters[name] for name in wanted}),
+            AmbiguityModel(**{name: parameters[name] for name in model_fields}),
             amap,
             scanner,
         )
@@ -230,17 +230,17 @@ class LayerContext:
         full[self.free] = values
         return full
 
-    def keep(self, what: str, key: object, make: Callable[[], Cast]) -> Cast:
+    def keep(self, name: str, key: object, make: Callable[[], Cast]) -> Cast:
         """Return what `make` gives, from an earlier call where that had the same key.
 
         Only the latest of each kind is kept, so that layers computed in a row share it.
         """
-        kept = self._kept.get(what)
-        if kept is None or kept[0] != key:
+        entry = self._cache.get(name)
+        if entry is None or entry[0] != key:
             # Delete the old one first: two of them may not fit into memory.
-            self._kept.pop(what, None)
-            kept = self._kept[what] = (key, make())
-        cached: Cast = kept[1]
+            self._cache.pop(name, None)
+            entry = self._cache[name] = (key, make())
+        cached: Cast = entry[1]
         return cached
 
 

@@ -56,9 +56,9 @@ def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> Floats:
     c, s = np.cos(direction), np.sin(direction)
     parts = (along * c**2 + across * s**2, along * s**2 + across * c**2, (along - across) * c * s)
     # Of the headings that are possible.
-    known = np.isfinite(parts[0])
-    count = np.where(known.any(axis=-1), known.sum(axis=-1), np.nan)
-    xx, yy, xy = (np.where(known, part, 0.0).sum(axis=-1) / count for part in parts)
+    is_finite = np.isfinite(parts[0])
+    count = np.where(is_finite.any(axis=-1), is_finite.sum(axis=-1), np.nan)
+    xx, yy, xy = (np.where(is_finite, part, 0.0).sum(axis=-1) / count for part in parts)
     # The trace of the inverse of [[xx, xy], [xy, yy]].
     return np.asarray(np.sqrt((xx + yy) / (xx * yy - xy**2)))
 

@@ -57,8 +57,8 @@ class Changed:
 
     def computed(self, layer: Layer, amap: AmbiguityMap, env: Environment) -> AmbiguityMap:
         """Return a map with the layer, computed with its old options."""
-        given: Any = {layer.name: self.options(layer)}
-        return layered(amap, layers_for(amap, layer.name, env), environment=env, **given)
+        layer_options: Any = {layer.name: self.options(layer)}
+        return layered(amap, layers_for(amap, layer.name, env), environment=env, **layer_options)
 
     def options(self, layer: Layer) -> dict[str, Any]:
         """Return the options that the layer was computed with."""

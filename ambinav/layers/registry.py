@@ -140,9 +140,9 @@ def check_known(name: str) -> None:
     Raises:
         InputError: no map can; the nearest names are offered.
     """
-    known = {*CORE_LAYERS, *LAYERS.names()}
-    if schema.base_name(name) not in known:
-        raise InputError(f"layer {name!r} is unknown; {nearest(name, known)}.")
+    layer_names = {*CORE_LAYERS, *LAYERS.names()}
+    if schema.base_name(name) not in layer_names:
+        raise InputError(f"layer {name!r} is unknown; {nearest(name, layer_names)}.")
 
 
 def chosen_layers(

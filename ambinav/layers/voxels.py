@@ -66,8 +66,8 @@ def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) 
     reach = REACH * spread
     near = edges[(edges > low - 2.0 * reach) & (edges < high + 2.0 * reach)]
     steps = np.arange(-math.ceil(reach / cell), math.ceil(reach / cell) + 1) * cell
-    wanted = np.unique(np.append((near[:, None] + steps).ravel(), (low - reach, high + reach)))
-    kept = wanted[(wanted >= low - reach) & (wanted <= high + reach)]
+    heights = np.unique(np.append((near[:, None] + steps).ravel(), (low - reach, high + reach)))
+    kept = heights[(heights >= low - reach) & (heights <= high + reach)]
     # Two that nearly coincide are one, unless an edge needs it: a surface lies on a level.
     apart = np.append(True, np.diff(kept) > 0.5 * cell) | np.isin(kept, near)
     return np.asarray(kept[apart])

@@ -183,13 +183,13 @@ def anchors(angles: Floats) -> Bools:
 
     But for gaps that neighbours have anyhow.
     """
-    gone = np.cumsum(np.mod(np.diff(angles, prepend=angles[:1]), 2.0 * math.pi))
+    turned = np.cumsum(np.mod(np.diff(angles, prepend=angles[:1]), 2.0 * math.pi))
     chosen = np.zeros(len(angles), dtype=np.bool_)
     chosen[0] = True
     last = 0.0
     for k in range(len(angles) - 1):
-        if gone[k + 1] - last > APART:
-            chosen[k], last = True, gone[k]
+        if turned[k + 1] - last > APART:
+            chosen[k], last = True, turned[k]
     return chosen
 
 

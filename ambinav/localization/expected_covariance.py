@@ -130,7 +130,7 @@ def _parameter(place: AmbiguityMap, name: str) -> float:
 
 
 def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:
-    known = _parameter(amap, "sigma_theta")
+    sigma_theta = _parameter(amap, "sigma_theta")
     x, y, theta = rows.T
 
     def at(layer: str) -> Floats:
@@ -138,7 +138,7 @@ def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:
         return np.asarray(amap.sample(layer, x, y, heading), dtype=np.float64)
 
     major, minor, direction = (at(name) for name in ("major_radius", "minor_radius", "direction"))
-    turn = np.full(len(rows), known)
+    turn = np.full(len(rows), sigma_theta)
     if "heading_radius" in amap.layers:
         turn = np.minimum(turn, at("heading_radius"))
     c, s = np.cos(direction), np.sin(direction)

@@ -135,22 +135,22 @@ def as_poses(values: ArrayLike, name: str) -> Floats:
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
     """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
-    given = np.asarray(values, dtype=np.float64)
-    if given.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(given).all():
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(array).all():
         raise InputError(
-            f"{name}: the shape is {given.shape}; give a finite covariance of x, y, theta, (3, 3) "
+            f"{name}: the shape is {array.shape}; give a finite covariance of x, y, theta, (3, 3) "
             f"or {(number, 3, 3)}."
         )
-    scale = max(float(np.abs(given).max(initial=0.0)), 1e-300)
-    if np.abs(given - given.swapaxes(-1, -2)).max(initial=0.0) > 1e-9 * scale:
+    scale = max(float(np.abs(array).max(initial=0.0)), 1e-300)
+    if np.abs(array - array.swapaxes(-1, -2)).max(initial=0.0) > 1e-9 * scale:
         raise InputError(f"{name} is not symmetric; give a covariance.")
-    least = np.linalg.eigvalsh(given).min(initial=0.0)
+    least = np.linalg.eigvalsh(array).min(initial=0.0)
     if least < -1e-9 * scale:
         raise InputError(
             f"{name} has the eigenvalue {least:g}; give a covariance, whose eigenvalues are at "
             "least 0."
         )
-    return np.array(np.broadcast_to(given, (number, 3, 3)))
+    return np.array(np.broadcast_to(array, (number, 3, 3)))
 
 
 def as_map_std(environment: Environment, map_std: float | None) -> float:

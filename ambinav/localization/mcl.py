@@ -165,15 +165,15 @@ class MonteCarloLocalizer:
         return rows[:, :3].copy(), rows[:, 3].copy()
 
     def _rows(self, values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-        given = np.asarray(values, dtype=np.float64)
-        if given.shape not in (shape, (self.runs, *shape)):
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape not in (shape, (self.runs, *shape)):
             raise InputError(
-                f"{name}: the shape is {given.shape}; give {(self.runs, *shape)} for {self.runs} "
+                f"{name}: the shape is {array.shape}; give {(self.runs, *shape)} for {self.runs} "
                 "runs."
             )
-        if not np.isfinite(given).all():
+        if not np.isfinite(array).all():
             raise InputError(f"{name}: a value is not finite; give metres and radians.")
-        return np.array(np.broadcast_to(given, (self.runs, *shape)))
+        return np.array(np.broadcast_to(array, (self.runs, *shape)))
 
 
 @kernel

@@ -39,11 +39,11 @@ class MeshRays:
             Distances, shape (N, R), metres, inf without an echo; and the faces met, -1 for none.
         """
         x, y, theta = np.ascontiguousarray(poses.T)
-        some = bool(np.isfinite(self.incidence).any())
+        has_incidence = bool(np.isfinite(self.incidence).any())
         distance, face, oblique = self.mesh.cast_scans(
-            x, y, theta, self.rays, self.reach, incidence=some
+            x, y, theta, self.rays, self.reach, incidence=has_incidence
         )
-        if some:
+        if has_incidence:
             silent = oblique > self.incidence
             distance[silent], face[silent] = np.inf, -1
         return distance.astype(np.float64), face

@@ -86,11 +86,11 @@ def range_table(
         InputError: the resolution is of no use, or the table would be too large.
     """
     key = (scanner, tuple(beams.tolist()), resolution)
-    kept = _latest.get(environment)
-    if kept is None or kept[0] != key:
-        kept = key, _cast(environment, scanner, beams, resolution)
-        _latest[environment] = kept
-    return kept[1]
+    entry = _latest.get(environment)
+    if entry is None or entry[0] != key:
+        entry = key, _cast(environment, scanner, beams, resolution)
+        _latest[environment] = entry
+    return entry[1]
 
 
 def _cast(

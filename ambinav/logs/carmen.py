@@ -155,9 +155,9 @@ def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[Floats32
     return ranges, limit
 
 
-def _angles(path: Path, beams: int, start: float, step: float, given: ArrayLike | None) -> Floats:
-    if given is not None:
-        angles = np.array(given, dtype=np.float64)
+def _angles(path: Path, beams: int, start: float, step: float, values: ArrayLike | None) -> Floats:
+    if values is not None:
+        angles = np.array(values, dtype=np.float64)
         if angles.shape != (beams,):
             raise InputError(
                 f"{path}: angles have the shape {angles.shape}; its scans have {beams} beams."

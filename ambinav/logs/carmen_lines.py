@@ -175,9 +175,9 @@ def _odometry(row: list[str]) -> Triple:
     return _triple(row[1:4])
 
 
-def _count(word: str, what: str, least: int = 0) -> int:
+def _count(word: str, items: str, least: int = 0) -> int:
     if not word.isascii() or not word.isdigit() or int(word) < least:
-        raise ValueError(f"its number of {what} is {word!r}")
+        raise ValueError(f"its number of {items} is {word!r}")
     return int(word)
 
 
@@ -228,18 +228,18 @@ def _drop_odd_scans(lines: Lines) -> None:
     if not lines.scans:
         return
     usual = Counter(scan.shape for scan in lines.scans).most_common(1)[0][0]
-    kept: list[Scan] = []
+    scans: list[Scan] = []
     index = []
     for scan in lines.scans:
         if scan.shape == usual:
-            index.append(len(kept))
-            kept.append(scan)
+            index.append(len(scans))
+            scans.append(scan)
             continue
         index.append(-1)
         reason = f"it has {scan.shape.beams} readings where most have {usual.beams}"
         if scan.shape.beams == usual.beams:
             reason = "its beams or its maximum range differ from most others"
         lines.damaged.append(Damage(scan.line, lines.kind, reason))
-    lines.scans = kept
+    lines.scans = scans
     lines.path = [index[e] if isinstance(e, int) and e >= 0 else e for e in lines.path]
     lines.damaged.sort()

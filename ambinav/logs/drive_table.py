@@ -27,13 +27,41 @@ def load_drive(path: str | Path) -> RecordedDrive:
         InputError: there is no such file, or it is not such a table; the message names line or
             column.
     """
-    path = Path(path)
+    column = _read_columns(Path(path))
+
+    def track(prefix: str) -> Floats:
+        return np.column_stack([column[f"{prefix}{axis}"] for axis in AXES])[np.newaxis]
+
+    count = len(column["time"])
+    covariance = np.empty((1, count, 3, 3))
+    for i, a in enumerate(AXES):
+        for j, b in enumerate(AXES[i:], start=i):
+            covariance[0, :, i, j] = covariance[0, :, j, i] = column[f"covariance_{a}_{b}"]
+    drives = Drives(
+        time=column["time"],
+        truth=track(""),
+        odometry=track("odometry_"),
+        estimate=track("estimate_"),
+        covariance=covariance,
+        updated=column["updated"][np.newaxis] != 0.0,
+        samples=np.array([count]),
+        outcome=np.array([DRIVING]),
+        goal=(np.nan, np.nan, np.nan),
+        length=np.nan,
+        open_loop=False,
+        ranges=None,
+    )
+    return RecordedDrive(drives, 0, None)
+
+
+def _read_columns(path: Path) -> dict[str, Floats]:
+    """Return the columns of the table by name."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     names = lines[0].split(",") if lines else []
-    wanted = ["time", "updated"]
-    wanted += [f"{prefix}{axis}" for prefix in ("odometry_", "", "estimate_") for axis in AXES]
-    wanted += [f"covariance_{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:]]
-    missing = [name for name in wanted if name not in names]
+    columns = ["time", "updated"]
+    columns += [f"{prefix}{axis}" for prefix in ("odometry_", "", "estimate_") for axis in AXES]
+    columns += [f"covariance_{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:]]
+    missing = [name for name in columns if name not in names]
     if missing:
         raise InputError(
             f"{path}: the column {missing[0]} is missing, so this is not a drive of ambinav; give "
@@ -66,27 +94,4 @@ def load_drive(path: str | Path) -> RecordedDrive:
         raise InputError(
             f"{path}: line {int(back[0]) + 3}: time does not go forward; export the drive again."
         )
-
-    def track(prefix: str) -> Floats:
-        return np.column_stack([column[f"{prefix}{axis}"] for axis in AXES])[np.newaxis]
-
-    count = len(table)
-    covariance = np.empty((1, count, 3, 3))
-    for i, a in enumerate(AXES):
-        for j, b in enumerate(AXES[i:], start=i):
-            covariance[0, :, i, j] = covariance[0, :, j, i] = column[f"covariance_{a}_{b}"]
-    drives = Drives(
-        time=column["time"],
-        truth=track(""),
-        odometry=track("odometry_"),
-        estimate=track("estimate_"),
-        covariance=covariance,
-        updated=column["updated"][np.newaxis] != 0.0,
-        samples=np.array([count]),
-        outcome=np.array([DRIVING]),
-        goal=(np.nan, np.nan, np.nan),
-        length=np.nan,
-        open_loop=False,
-        ranges=None,
-    )
-    return RecordedDrive(drives, 0, None)
+    return column

@@ -126,8 +126,8 @@ def save_carmen(path: str | Path, log: Log) -> None:
     names = ("offset", "side_offset", "angular_offset")
     for name, value in zip(names, log.mount, strict=True):
         lines.append(f"PARAM robot_frontlaser_{name} {value!r} nohost 0")
-    known = log.odometry if log.poses is None else log.poses
-    laser = compose(known, log.mount) if any(log.mount) else known
+    robot_poses = log.odometry if log.poses is None else log.poses
+    laser = compose(robot_poses, log.mount) if any(log.mount) else robot_poses
     start, top = float(log.angles[0]), float(log.max_range)
     # A single beam has no step, and 0 is no step that a reader accepts.
     step = step or math.pi

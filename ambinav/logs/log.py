@@ -99,8 +99,8 @@ class Log:
 
     def __repr__(self) -> str:
         """Return name and counts as text."""
-        known = "no poses" if self.poses is None else "poses"
-        return f"Log({self.name!r}, {self.scans} scans x {self.beams} beams, {known})"
+        poses_text = "no poses" if self.poses is None else "poses"
+        return f"Log({self.name!r}, {self.scans} scans x {self.beams} beams, {poses_text})"
 
     @property
     def scans(self) -> int:

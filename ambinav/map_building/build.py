@@ -243,8 +243,8 @@ def build_map(
         from ambinav.map_building.stored import map_key, opened_or_computed
 
         key = map_key(env, scanner, thinned, model, spacing, theta, names)
-        own = None if store is True else store
-        return opened_or_computed(key, labels(env, scanner), compute, report, own)
+        map_store = None if store is True else store
+        return opened_or_computed(key, labels(env, scanner), compute, report, map_store)
 
 
 def computed_lattice(

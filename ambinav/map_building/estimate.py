@@ -63,14 +63,17 @@ class Estimate:
         """Return minutes and GB in words."""
         gigabytes = max(self.bytes / 1e9, 0.1)
         memory = f"{gigabytes:.0f}" if gigabytes >= 10.0 else f"{gigabytes:.2g}"
-        minutes = self.seconds / 60.0
-        if minutes < 0.75:
-            return f"less than a minute and {memory} GB"
-        unit, size = next(
-            (unit, size) for unit, size in _UNITS if minutes >= 1.5 * size or size == 1.0
-        )
-        count = round(minutes / size)
-        return f"about {count} {unit}{'' if count == 1 else 's'} and {memory} GB"
+        return f"{time_text(self.seconds)} and {memory} GB"
+
+
+def time_text(seconds: float) -> str:
+    """Format a duration roughly, such as "about 3 hours"."""
+    minutes = seconds / 60.0
+    if minutes < 0.75:
+        return "less than a minute"
+    unit, size = next((unit, size) for unit, size in _UNITS if minutes >= 1.5 * size or size == 1.0)
+    count = round(minutes / size)
+    return f"about {count} {unit}{'' if count == 1 else 's'}"
 
 
 def estimate(

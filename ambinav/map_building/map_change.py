@@ -100,12 +100,12 @@ class MapChange:
 
     @functools.cached_property
     def was(self) -> Bools:
-        """Where the robot could stand before, over the frame and the headings."""
+        """True where the robot could stand before, over the frame and the headings."""
         return self.frame.taken(self.amap.possible, self.before, False)
 
     @functools.cached_property
     def was_free(self) -> Bools:
-        """Where it could at some heading, over the frame."""
+        """True where it could at some heading, over the frame."""
         free: Bools = np.any(self.was, axis=2)
         return free
 

@@ -46,12 +46,12 @@ class Patch:
 
     Attributes:
         change: Map, and the building in its present state.
-        asked: Whether each pose within reach is asked whether it sees the change; else all are
+        asks_cells: Whether each pose within reach is asked whether it sees the change; else all are
             computed.
     """
 
     change: MapChange
-    asked: bool
+    asks_cells: bool
 
     def layers(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed where the change is seen."""
@@ -102,7 +102,7 @@ class Patch:
         in_reach = np.zeros_like(stale)
         for box in change.boxes(change.seen.reach + SLACK):
             in_reach[slices_in(box, x, y)] = True
-        if not self.asked:
+        if not self.asks_cells:
             return stale | (in_reach & free)
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)
@@ -176,12 +176,12 @@ class Patch:
             change.check_layers(patch)
         # Many times faster than the masks themselves.
         was = change.inner(change.was_free)
-        gone, fresh = np.nonzero(was & ~free), np.nonzero(affected)
+        removed, fresh = np.nonzero(was & ~free), np.nonzero(affected)
         variables = {}
         for name in patch or names:
             before = old.variables[name]
             values = change.after.taken(before.values, change.before, _empty(name))
-            values[gone] = _empty(name)
+            values[removed] = _empty(name)
             if patch:
                 values[fresh] = patch[name]
             variables[name] = xr.DataArray(values, dims=before.dims, attrs=before.attrs)

@@ -76,7 +76,7 @@ class _Update:
 
     @functools.cached_property
     def pays(self) -> bool:
-        """Whether an update is expected to take less time than to compute every pose."""
+        """True if an update is expected to take less time than to compute every pose."""
         change = self.change
         context = change.context
         seconds = build_seconds(
@@ -113,11 +113,11 @@ class _Update:
         if schema.added(change.amap.dataset):
             from ambinav.layers.recompute import Changed  # only where there are some
 
-            kept = lattice.free & change.after.taken(change.was_free, change.frame, False)
+            still_free = lattice.free & change.after.taken(change.was_free, change.frame, False)
 
             def taken(values: NDArray[Any]) -> NDArray[Any]:
                 old_values = change.after.taken(values, change.before, np.nan)
-                old_values[~kept] = np.nan
+                old_values[~still_free] = np.nan
                 return old_values
 
             boxes = change.boxes if self.pays else _everywhere
@@ -127,7 +127,7 @@ class _Update:
 
     def patched(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed where the change is seen."""
-        return Patch(self.change, self.work.asked).layers(report)
+        return Patch(self.change, self.work.asks_cells).layers(report)
 
     def built(self, report: Progress) -> tuple[Lattice, dict[str, xr.DataArray]]:
         """Return the lattice and its layers, computed as `build_map` does."""

@@ -16,7 +16,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map, reporter
 from ambinav.maps.ambiguity_volume import SURFACES, AmbiguityVolume
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress
+from ambinav.runtime.progress import Progress, step_of
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -81,18 +81,14 @@ def build_volume(
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
         floors = flight_levels(env, levels.tolist(), robot_radius, drop=lift)
         for k, level in enumerate(floors):
-
-            def part(share: float, done: int = k) -> None:
-                report((done + share) / len(floors))
-
             amap = build_map(
-                level, raised, spacing, progress=part, robot_radius=robot_radius, store=store,
-                **settings,
+                level, raised, spacing, progress=step_of(report, k, len(floors)),
+                robot_radius=robot_radius, store=store, **settings,
             )  # fmt: skip
             dataset = amap.dataset
-            kept = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
-            kept = [name for name in kept if dataset[name].dtype.kind == "f" or name == "free"]
-            made.append(dataset[kept].drop_vars("theta", errors="ignore"))
+            names = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
+            names = [name for name in names if dataset[name].dtype.kind == "f" or name == "free"]
+            made.append(dataset[names].drop_vars("theta", errors="ignore"))
     fill = {name: False if name == "free" else np.nan for name in made[0].data_vars}
     volume = xr.concat(
         made, xr.Variable("z", levels, {"units": "m"}), join="outer", fill_value=fill,

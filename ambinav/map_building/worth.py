@@ -38,11 +38,11 @@ class ExpectedWork:
     """Work of an update, by a sample of poses.
 
     Attributes:
-        asked: Whether it pays to ask each pose within reach whether it sees the change.
+        asks_cells: Whether it pays to ask each pose within reach whether it sees the change.
         share: Time for the poses that are asked or computed, by that for all poses in a build.
     """
 
-    asked: bool
+    asks_cells: bool
     share: float
 
     @classmethod
@@ -76,19 +76,19 @@ class ExpectedWork:
         row, column = np.nonzero(stale)
         if not len(row):
             return cls(True, 0.0)
-        within_reach, asked = stale.sum() / free.sum(), False
+        within_reach, asks_cells = stale.sum() / free.sum(), False
         if not seen.countless:
             sees = seen.by(x[column], y[row])
-            asked = bool(sees.mean() <= seen.most)
-            if asked:
+            asks_cells = bool(sees.mean() <= seen.most)
+            if asks_cells:
                 stale[row, column] = sees
         if not stale.any():
-            return cls(asked, float(seen.asking * within_reach))
+            return cls(asks_cells, float(seen.asking * within_reach))
         step = SAMPLED * spacing
         # A change that is seen between two samples is half a step nearer on the average.
         away = step * (distance_transform_edt(~stale)[free] - 0.5)
         share = (1.0 - CASTING) * (away <= radius).mean() + CASTING * (away <= 2.0 * radius).mean()
-        return cls(asked, float(share + asked * seen.asking * within_reach))
+        return cls(asks_cells, float(share + asks_cells * seen.asking * within_reach))
 
     def with_more_floor(self, grown: float) -> ExpectedWork:
         """Return the work where so much new floor is computed too, by the floor before."""

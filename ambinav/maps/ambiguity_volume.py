@@ -143,11 +143,11 @@ class AmbiguityVolume:
         Raises:
             InputError: there is no such layer.
         """
-        known = [
+        layer_names = [
             name for name in self.layers if not (schema.is_axis(name) or schema.is_nearest(name))
         ]
-        if layer not in known:
-            raise InputError(f"layer is {layer!r}; give one of {', '.join(known)}.")
+        if layer not in layer_names:
+            raise InputError(f"layer is {layer!r}; give one of {', '.join(layer_names)}.")
         return layer
 
     def check_height(self, z: float | np.ndarray) -> None:

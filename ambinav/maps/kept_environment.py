@@ -34,10 +34,10 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         InputError: the outline of the free space, or the building in space, cannot be read.
     """
     attrs = dataset.attrs
-    file, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
+    file, mode = str(attrs.get("environment_source", "")), attrs.get("collision")
     on_grid = Path(file).suffix.lower() in ("", ".yaml", ".yml")
     corners = json.loads(attrs.get("environment_extent", "[]"))
-    made = (_WithoutCells if kept is None and on_grid else Environment)(
+    made = (_WithoutCells if mode is None and on_grid else Environment)(
         Segments(dataset["segments"].values, dataset["segment_kind"].values),
         _outline(dataset, "floor", "free space", source),
         name=str(attrs["environment"]),
@@ -47,7 +47,7 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
         extent=shapely.Polygon(corners) if corners else None,
         drivable=(
-            _outline(dataset, "drivable", "drivable space", source) if kept == "drivable" else None
+            _outline(dataset, "drivable", "drivable space", source) if mode == "drivable" else None
         ),
         space=_space(dataset, source),
         floor=json.loads(attrs.get("environment_floor", "0.0")),
@@ -141,12 +141,12 @@ class _LostSpace:
         raise self._lost()
 
 
-def _outline(dataset: xr.Dataset, name: str, what: str, source: str) -> BaseGeometry:
+def _outline(dataset: xr.Dataset, name: str, outline_name: str, source: str) -> BaseGeometry:
     """Decode polygons that are stored as a row of bytes."""
     try:
         return shapely.from_wkb(dataset[name].values.tobytes())
     except (KeyError, shapely.errors.GEOSException, TypeError) as error:
         raise InputError(
-            f"{source}: {name}, the outline of the {what}, cannot be read ({error}); "
+            f"{source}: {name}, the outline of the {outline_name}, cannot be read ({error}); "
             "make the map again with `ambinav map`."
         ) from error

@@ -138,9 +138,9 @@ def _join_pieces(
     index = np.arange(len(owners))
     cells = _labelled_cells(labels)
     angle = np.asarray(direction.reshape(-1)[cells], dtype=np.float64)
-    known = np.isfinite(angle)
+    is_finite = np.isfinite(angle)
     axis = np.zeros(len(owners), dtype=np.complex128)
-    np.add.at(axis, labels.reshape(-1)[cells[known]], np.exp(2j * angle[known]))
+    np.add.at(axis, labels.reshape(-1)[cells[is_finite]], np.exp(2j * angle[is_finite]))
     for a, b in _touching(reach).tolist():
         turned = abs(np.angle(axis[a] * np.conj(axis[b]))) / 2.0
         if owners[a] == owners[b] and turned < _ALIGNED:

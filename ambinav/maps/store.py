@@ -103,9 +103,9 @@ def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
     import zarr
 
     group = zarr.open_group(store, mode="r+", use_consolidated=False)
-    kept = dict(group.attrs) if attributes is None else dict(attributes)
-    kept.pop(UNFINISHED, None)
-    group.attrs.put({**kept, FORMAT_ATTR: FORMAT})
+    attrs = dict(group.attrs) if attributes is None else dict(attributes)
+    attrs.pop(UNFINISHED, None)
+    group.attrs.put({**attrs, FORMAT_ATTR: FORMAT})
     zarr.consolidate_metadata(store, zarr_format=3)
 
 
@@ -293,7 +293,7 @@ def _within(
 
 def _refuse_other(path: Path) -> None:
     """Raise `InputError` with the kind of a known file in the place of a store."""
-    wanted, remedy = "an ambiguity map", "make one of it with `ambinav map`"
+    expected, remedy = "an ambiguity map", "make one of it with `ambinav map`"
     kind = kind_of_path(path)
     if kind is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
         try:
@@ -302,7 +302,7 @@ def _refuse_other(path: Path) -> None:
             kind = None
     if kind is not None:
         building = kind.name in ("an occupancy map", "a floor plan")
-        refuse(f"{path}", kind._replace(remedy=remedy) if building else kind, wanted)
+        refuse(f"{path}", kind._replace(remedy=remedy) if building else kind, expected)
 
 
 def _metadata(address: Address, root: bytes) -> dict[str, Any]:

@@ -69,12 +69,12 @@ def plot_aliasing(
     handles = []
     # Large regions first, since they stay visible below the small ones.
     for letter in letters:
-        own = [pair for pair in pairs if pair.letter == letter]
-        everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])
+        group = [pair for pair in pairs if pair.letter == letter]
+        everywhere = np.concatenate([part for pair in group for part in (pair.cells, pair.images)])
         pale, dark = (blend_white(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
-        _paint(picture, amap, parts.counted, _representative_points(own, spacing), spacing, dark)
-        label = f"{letter}, aliased with {len(own)} region{'s' if len(own) > 1 else ''}"
+        _paint(picture, amap, parts.counted, _representative_points(group, spacing), spacing, dark)
+        label = f"{letter}, aliased with {len(group)} region{'s' if len(group) > 1 else ''}"
         handles.append(Patch(facecolor=blend_white(colour[letter], DARK), label=label))
     floor.paint(picture)
     floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
@@ -131,8 +131,8 @@ def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> Floa
     ends = [first.ends[0], *(pair.ends[1] for pair in pairs)]
     images = np.concatenate([pair.images for pair in pairs])
     both = cKDTree(images).query(first.cells)[0] <= spacing
-    own = cKDTree(ends).query(first.cells)[1] == 0
-    return np.asarray(first.cells[~both | own])
+    is_nearest = cKDTree(ends).query(first.cells)[1] == 0
+    return np.asarray(first.cells[~both | is_nearest])
 
 
 def _paint(
@@ -147,5 +147,5 @@ def _paint(
     rows, columns = np.nonzero(counted)
     near, _ = cKDTree(points).query(amap.centres(counted))
     # Half the diagonal of a lattice's cell, and a little for aliased poses that lie farther apart.
-    held = near <= 0.75 * spacing
-    picture[rows[held], columns[held]] = rgba_bytes(colour)
+    is_near = near <= 0.75 * spacing
+    picture[rows[is_near], columns[is_near]] = rgba_bytes(colour)

@@ -29,13 +29,13 @@ Curve = tuple[Sequence[int], Sequence[float]]
 """Numbers of beams, and points lost with them."""
 
 
-def plot_kept_beams(mounts: Floats, reach: Floats, kept: Sequence[int], title: str = "") -> Figure:
+def plot_kept_beams(mounts: Floats, reach: Floats, beams: Sequence[int], title: str = "") -> Figure:
     """Draw the beams around the robot, which looks up: those that are kept, and the others.
 
     Args:
         mounts: x, y (metres) and yaw (radians) of each beam, robot frame, shape (B, 3).
         reach: Range to which each is drawn, metres, shape (B,).
-        kept: Indices of the beams that are kept.
+        beams: Indices of the beams that are kept.
         title: Above the picture.
     """
     figure = new_figure(5.2, 5.6)
@@ -45,7 +45,7 @@ def plot_kept_beams(mounts: Floats, reach: Floats, kept: Sequence[int], title: s
     end = start + reach[:, None] * np.column_stack([-np.sin(mounts[:, 2]), np.cos(mounts[:, 2])])
     lines = np.stack([start, end], axis=1)
     chosen = np.zeros(len(mounts), dtype=bool)
-    chosen[np.asarray(kept, dtype=np.intp)] = True
+    chosen[np.asarray(beams, dtype=np.intp)] = True
     few = int(chosen.sum())
     axes.add_collection(LineCollection(list(lines[~chosen]), colors=LEFT_OUT, linewidths=0.5))
     axes.add_collection(

@@ -77,10 +77,10 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
         drawstyle="steps-post", label=f"least {name} found for its cost",
     )  # fmt: skip
     cost, left, label = curve.chosen
-    what = "recommended" if curve.advised else "best found"
+    verdict = "recommended" if curve.advised else "best found"
     axes.plot(
         [cost], [left], "o", color="none", markeredgecolor="black", markeredgewidth=1.8,
-        markersize=13, linestyle="none", label=f"{what}: {label}",
+        markersize=13, linestyle="none", label=f"{verdict}: {label}",
     )  # fmt: skip
     if curve.limit is not None:
         axes.axhline(curve.limit[0], color="black", linestyle="--", label=curve.limit[1])

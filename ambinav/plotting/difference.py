@@ -97,8 +97,8 @@ def plot_difference(
     ):  # fmt: skip
         tints[mask] = rgba_bytes(colour)
     floor.paint(tints, change.bounds)
-    known = np.abs(change.rise[np.isfinite(change.rise)])
-    most = max(float(known.max(initial=0.0)), LEAST_SCALE)
+    rises = np.abs(change.rise[np.isfinite(change.rise)])
+    most = max(float(rises.max(initial=0.0)), LEAST_SCALE)
     image = floor.paint(change.rise, change.bounds, cmap=style.CHANGE, norm=Normalize(-most, most))
     floor.stretches(
         change.gone_walls, colors=style.GONE, linewidths=_WALLS, linestyles=(0, _DASHES)
@@ -160,7 +160,7 @@ def _change_legend(change: ChangeLayer) -> list[Artist]:
     if len(change.new_walls):
         entries.append(Line2D([], [], color=style.NEW, linewidth=_WALLS, label="new wall"))
     if len(change.gone_walls):
-        gone = Line2D([], [], color=style.GONE, linewidth=_WALLS, label="wall gone")
-        gone.set_linestyle((0, _DASHES))
-        entries.append(gone)
+        removed_walls = Line2D([], [], color=style.GONE, linewidth=_WALLS, label="wall gone")
+        removed_walls.set_linestyle((0, _DASHES))
+        entries.append(removed_walls)
     return entries

@@ -244,10 +244,10 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
         axes.grid(color="#E3E3E3", linewidth=0.5, zorder=0)
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_title(route.title(60), loc="left", fontsize=10.5)
-        known = np.isfinite(high)
-        top = max(top, 1.15 * float(high[known].max(initial=0.0)))
+        is_finite = np.isfinite(high)
+        top = max(top, 1.15 * float(high[is_finite].max(initial=0.0)))
         # A tenth of the stations may reach below the scale; without errors none are on it.
-        positive = np.sort(low[known & (low > 0.0)])
+        positive = np.sort(low[is_finite & (low > 0.0)])
         bottom = min(bottom, float(positive[len(positive) // 10])) if len(positive) else bottom
     panels[0].set_yscale("log")
     panels[0].set_ylim(max(0.001, 0.8 * bottom), top)

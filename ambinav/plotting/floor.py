@@ -87,7 +87,7 @@ class FloorFigure:
         self.amap, self.bounds, self._unknown = amap, bounds or view(amap), unknown
         width, height = self.bounds[2] - self.bounds[0], self.bounds[3] - self.bounds[1]
         self._tall = height > 1.1 * width
-        self._own = ax is None
+        self._owns_figure = ax is None
         if ax is None:
             inches = longest / max(width, 1.2 * height)
             ax = new_figure(width * inches, height * inches, laid_out=False).add_axes(
@@ -256,7 +256,7 @@ class FloorFigure:
 
     def finish(self) -> Axes:
         """Fit an own figure around the floor and its legends; return the axes."""
-        if self._own:
+        if self._owns_figure:
             fit(self.axes)
         return self.axes
 

@@ -144,10 +144,10 @@ def paint_codes(
 
 
 def floor_title(
-    amap: AmbiguityMap, what: str, heading: Heading | None, mean: str = "mean over all headings"
+    amap: AmbiguityMap, quantity: str, heading: Heading | None, mean: str = "mean over all headings"
 ) -> str:
     """Return a title: content, scanner, building, and heading if it matters and is not None."""
-    text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
+    text = f"{quantity}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if heading is None or not amap.has_theta:
         return text
     if heading == "mean":

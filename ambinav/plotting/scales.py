@@ -66,13 +66,13 @@ def layer_norm(layer: str, values: Floats, *, added: bool) -> Normalize:
     """Return a scale up to the highest value, from 0 or below; by powers for a wide added layer."""
     if schema.is_share(layer):
         return Normalize(0.0, 1.0)
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return Normalize(0.0, 1.0)
-    low, high = min(float(known.min()), 0.0), float(known.max())
+    low, high = min(float(finite.min()), 0.0), float(finite.max())
     if added and low == 0.0 < high:
         # The lowest percentile is not usable as a limit: it may be almost zero.
-        most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
+        most, least = np.percentile(finite[finite > 0.0], [99.0, 1.0])
         if most > WIDE * least:
             return LogNorm(max(float(least), 1e-9 * high), high)
     return Normalize(low, high if high > low else low + 1.0)

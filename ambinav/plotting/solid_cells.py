@@ -31,12 +31,12 @@ def padded_solid(
     spans = [np.arange(*span) - padding for span in (rows, columns)]
     nearest, inside, cut = [], [], []
     for span, size in zip(spans, amap.solid.shape, strict=True):
-        held = np.clip(span, 0, size - 1)
+        clipped = np.clip(span, 0, size - 1)
         # Whether a cell is of a block depends on those around it.
-        first = max(int(held[0]) - THICK, 0)
-        cut.append(slice(first, int(held[-1]) + THICK + 1))
-        nearest.append(held - first)
-        inside.append(held == span)
+        first = max(int(clipped[0]) - THICK, 0)
+        cut.append(slice(first, int(clipped[-1]) + THICK + 1))
+        nearest.append(clipped - first)
+        inside.append(clipped == span)
     part = amap.solid[cut[0], cut[1]]
     here = np.asarray(part[np.ix_(*nearest)] & np.logical_and.outer(*inside))
     if amap.dataset.attrs.get("environment_resolution", "null") == "null":

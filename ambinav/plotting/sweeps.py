@@ -197,17 +197,17 @@ def plot_directions(
     walls = xy.reshape(-1, 2, 2)
     for which, colour in ((kind != FRONTIER, style.WALL), (kind == FRONTIER, style.FRONTIER)):
         axes.add_collection(LineCollection(list(walls[which]), colors=colour, linewidths=0.8))
-    known = np.isfinite(angle)
+    is_finite = np.isfinite(angle)
     axes.set_xlim(float(x.min()) - room, float(x.max()) + room)
     axes.set_ylim(float(y.min()) - room, float(y.max()) + room)
     shown = axes.scatter(
-        x[known], y[known], c=gain[known], cmap=_LIGHT, s=14, vmin=0.0, zorder=2,
-        vmax=max(float(gain[known].max(initial=0.0)), 0.05),
+        x[is_finite], y[is_finite], c=gain[is_finite], cmap=_LIGHT, s=14, vmin=0.0, zorder=2,
+        vmax=max(float(gain[is_finite].max(initial=0.0)), 0.05),
     )  # fmt: skip
     size = max(float(np.ptp(axes.get_xlim())), float(np.ptp(axes.get_ylim()))) / _ARROWS
     # One arrow for each square, so that arrows do not overlap.
-    squares = np.floor(np.column_stack([x, y])[known] / (1.3 * size))
-    cells = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
+    squares = np.floor(np.column_stack([x, y])[is_finite] / (1.3 * size))
+    cells = np.flatnonzero(is_finite)[np.unique(squares, axis=0, return_index=True)[1]]
     axes.quiver(
         x[cells], y[cells], size * np.cos(angle[cells]), size * np.sin(angle[cells]), angles="xy",
         scale_units="xy", scale=1.0, width=0.0022, color="black", zorder=3, pivot="mid",
@@ -238,11 +238,11 @@ def _ticks(axes: Axes, curve: Curve) -> None:
 
 def _scale_ends(values: Floats) -> tuple[float, float]:
     """Return ends of a scale within 0 to 1 that do not exaggerate small differences."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return 0.0, 1.0
-    low = min(float(known.min()), 1.0 - _NARROWEST)
-    return low, max(float(known.max()), low + _NARROWEST)
+    low = min(float(finite.min()), 1.0 - _NARROWEST)
+    return low, max(float(finite.max()), low + _NARROWEST)
 
 
 def _draw_shares(axes: Axes, curve: Curve) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -12,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
-from ambinav.plotting.scales import layer_scale
+from ambinav.plotting.scales import LayerScale, layer_scale
 from ambinav.runtime.array_types import Floats
 from ambinav.service.volume_service import VolumeService
 
@@ -65,41 +66,50 @@ def plot_volume(
             near = np.abs(fine[:, 3] - volume.heights[k]) <= 0.5 * volume.step + 1e-9
             ax.plot(fine[:, 1], fine[:, 2], color=style.WALL, linewidth=0.5)
             ax.plot(np.where(near, fine[:, 1], np.nan), fine[:, 2], color=style.WALL, linewidth=2.2)
-    label = str(data.attrs.get("long_name", layer))
     bar = parts[0].colorbar(image, ax=axes.tolist(), shrink=0.8)
-    bar.set_label(label, fontsize=8)
+    bar.set_label(str(data.attrs.get("long_name", layer)), fontsize=8)
     if fine is None:
         return figure
+    grid = parts[1].add_gridspec(1, 2, width_ratios=(1.5, 1.0))
+    _draw_profile(parts[1].add_subplot(grid[0]), volume, layer, scale, fine)
+    _draw_in_space(parts[1].add_subplot(grid[1], projection="3d"), volume, scale, fine)
+    return figure
+
+
+def _draw_profile(
+    axes: Axes, volume: AmbiguityVolume, layer: str, scale: LayerScale, fine: Floats
+) -> None:
+    """Draw the height of a route over distance, coloured by the layer."""
     # Next to a wall, where the map has no value, that of the nearest free point.
     service = VolumeService(volume, layer, weight=1.0)
     value = np.array([service.near(*point) - 1.0 for point in fine[:-1, 1:].tolist()])
-    grid = parts[1].add_gridspec(1, 2, width_ratios=(1.5, 1.0))
-    profile = parts[1].add_subplot(grid[0])
     pieces = list(np.stack([fine[:-1, [0, 3]], fine[1:, [0, 3]]], axis=1))
     line = LineCollection(pieces, cmap=scale.colours, norm=scale.norm, linewidths=3.0)
-    line.set_array(layer_scale(layer, data, value).values)
-    profile.add_collection(line)
-    profile.set(
+    line.set_array(layer_scale(layer, volume.dataset[layer], value).values)
+    axes.add_collection(line)
+    axes.set(
         xlim=(0.0, fine[-1, 0]), ylim=(volume.heights[0] - 0.1, volume.heights[-1] + 0.1),
         xlabel="distance (m)", ylabel="z (m)",
     )  # fmt: skip
-    profile.set_title(f"height along the route, coloured by {label}", fontsize=9)
-    space = parts[1].add_subplot(grid[1], projection="3d")
-    level = np.ma.masked_invalid(scale.values[0])
-    edges = np.meshgrid(x, y)
-    space.contourf(
-        *edges, level, zdir="z", offset=volume.heights[0], cmap=scale.colours, norm=scale.norm,
-        alpha=0.6,
+    label = volume.dataset[layer].attrs.get("long_name", layer)
+    axes.set_title(f"height along the route, coloured by {label}", fontsize=9)
+
+
+def _draw_in_space(axes: Any, volume: AmbiguityVolume, scale: LayerScale, fine: Floats) -> None:
+    """Draw a route in space, above the layer at the lowest height."""
+    x, y = (volume.dataset[name].values for name in "xy")
+    axes.contourf(
+        *np.meshgrid(x, y), np.ma.masked_invalid(scale.values[0]), zdir="z",
+        offset=volume.heights[0], cmap=scale.colours, norm=scale.norm, alpha=0.6,
     )  # fmt: skip
-    space.plot(*fine[:, 1:].T, color=style.WALL, linewidth=1.8)
-    space.set(zlim=volume.heights[[0, -1]])
-    space.set_xlabel("x (m)", labelpad=12.0)
-    space.set_ylabel("y (m)", labelpad=6.0)
-    space.set_box_aspect((np.ptp(x), np.ptp(y), max(3.0 * np.ptp(volume.heights), 1.0)))
-    space.tick_params(labelsize=6)
-    for axis, ticks in ((space.xaxis, 5), (space.yaxis, 3), (space.zaxis, 2)):
+    axes.plot(*fine[:, 1:].T, color=style.WALL, linewidth=1.8)
+    axes.set(zlim=volume.heights[[0, -1]])
+    axes.set_xlabel("x (m)", labelpad=12.0)
+    axes.set_ylabel("y (m)", labelpad=6.0)
+    axes.set_box_aspect((np.ptp(x), np.ptp(y), max(3.0 * np.ptp(volume.heights), 1.0)))
+    axes.tick_params(labelsize=6)
+    for axis, ticks in ((axes.xaxis, 5), (axes.yaxis, 3), (axes.zaxis, 2)):
         axis.set_major_locator(MaxNLocator(ticks))
-    return figure
 
 
 def _sampled(points: Floats) -> Floats:

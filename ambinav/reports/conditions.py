@@ -201,12 +201,12 @@ def parse_condition(
     if quantity is None:
         raise InputError(f"{option}: {text!r}: {_unknown(name, quantities, others)}")
     # Full-width and squared characters are normalized to plain ones.
-    known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
+    given_unit = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     condition = Condition(quantity, limit)
     if not math.isfinite(limit.number):
         raise InputError(f"{option}: {text!r}: {number} is too large; give a smaller limit.")
-    if known is None:
+    if given_unit is None:
         converted = _convert(condition, unit)
         if converted is not None:
             raise InputError(
@@ -219,12 +219,12 @@ def parse_condition(
             f"{option}: {text!r}: at position {start} stands {unit!r} where {offer} is expected; "
             f"give the limit {_in_unit(quantity)}."
         )
-    if known != quantity.unit:
+    if given_unit != quantity.unit:
         has = f"is in {quantity.unit}" if quantity.unit else "is a number without a unit"
-        given = f"not in {known}" if known else "and the condition gives no unit"
+        unit_text = f"not in {given_unit}" if given_unit else "and the condition gives no unit"
         raise InputError(
-            f"{option}: {text!r}: {quantity.name} {has}, {given}; "
-            f"{_remedy(condition, known, quantities)}."
+            f"{option}: {text!r}: {quantity.name} {has}, {unit_text}; "
+            f"{_remedy(condition, given_unit, quantities)}."
         )
     _check_possible(condition, text, option)
     return condition
@@ -278,7 +278,7 @@ def _match_next(
 def _unknown(name: str, quantities: Quantities, others: str) -> str:
     plain = " ".join(re.split(r"[\s_-]+", name.lower()))
     close = difflib.get_close_matches(plain, quantities, n=3, cutoff=0.5)
-    close = close or [known for known in quantities if plain in known or known in plain][:3]
+    close = close or [other for other in quantities if plain in other or other in plain][:3]
     offer = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
     return f"{name!r} is not a figure of the report; {offer}{others}."
 

@@ -39,9 +39,9 @@ def fill(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    own = {**FILTERS, "cell": cell, "moment": moment, "list_items": list_items}
+    common_filters = {**FILTERS, "cell": cell, "moment": moment, "list_items": list_items}
     # In a page all values are escaped already, also in parts that are Markdown.
-    templates.filters.update({**own, "md": str if is_html else escape_cell, **filters})
+    templates.filters.update({**common_filters, "md": str if is_html else escape_cell, **filters})
     return templates.get_template(template).render(**values)
 
 
@@ -86,9 +86,9 @@ def list_items(text: str) -> Markup:
     return Markup(f"<ul>\n{items}\n</ul>\n")
 
 
-def counted(count: int, what: str) -> str:
+def counted(count: int, noun: str) -> str:
     """Format a number with its noun."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -183,10 +183,10 @@ def speed_profile(
     keep = np.concatenate([[True], ~drop])
     # Of two points at one position keep the first, with the heading between theirs.
     points, along = np.column_stack([dense[:, :2], heading])[keep], along[keep]
-    kept = np.cumsum(keep) - 1
-    vertices = kept[np.append(first, len(keep) - 1)]
+    kept_index = np.cumsum(keep) - 1
+    vertices = kept_index[np.append(first, len(keep) - 1)]
     halt = np.zeros(len(points), dtype=np.bool_)
-    halt[[0, -1]] = halt[kept[halts - 1]] = True
+    halt[[0, -1]] = halt[kept_index[halts - 1]] = True
     on_spot = np.flatnonzero(np.diff(along) <= SAME)
     halt[on_spot] = halt[on_spot + 1] = True
     halt[1:-1] |= _reverses(points)

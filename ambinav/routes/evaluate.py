@@ -71,8 +71,8 @@ def evaluate_route(
     middle = 0.5 * (dense[:-1] + dense[1:])
     middle[:, 2] = dense[:-1, 2] + 0.5 * turned
     codes = zone_codes(service.map, middle)
-    known = codes != NOT_FREE
-    per_zone = np.bincount(codes[known], weights=metres[known], minlength=len(ZONES))
+    is_free = codes != NOT_FREE
+    per_zone = np.bincount(codes[is_free], weights=metres[is_free], minlength=len(ZONES))
     moving = metres > 0.0
     codes, metres = codes[moving], metres[moving]
     corridor, wide = codes == CORRIDOR, codes == OPEN
@@ -214,8 +214,8 @@ def _longest_run(chosen: Bools, metres: Floats) -> float:
     if not chosen.any():
         return 0.0
     edges = np.flatnonzero(np.diff(chosen.astype(np.int8), prepend=0, append=0))
-    gone = _up_to(metres)
-    return float((gone[edges[1::2]] - gone[edges[::2]]).max())
+    metres_before = _up_to(metres)
+    return float((metres_before[edges[1::2]] - metres_before[edges[::2]]).max())
 
 
 def _up_to(parts: Floats) -> Floats:
@@ -223,8 +223,8 @@ def _up_to(parts: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 
-def _covariances(given: ArrayLike, count: int) -> Floats:
-    out = np.array(given, dtype=np.float64, order="C")
+def _covariances(covariances: ArrayLike, count: int) -> Floats:
+    out = np.array(covariances, dtype=np.float64, order="C")
     if out.shape != (count, 3, 3):
         raise InputError(
             f"covariances has the shape {out.shape}; give one of (3, 3) for each of the "

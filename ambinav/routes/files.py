@@ -69,10 +69,6 @@ def load_route(path: str | Path) -> Route:
     return route
 
 
-def _read_table(path: Path) -> Route:
-    return table.route_of_text(read_text(path), str(path))
-
-
 def _read_json(path: Path, member: str) -> Route:
     """Read the route in a member of a JSON file."""
     text = read_text(path)
@@ -205,7 +201,7 @@ CSV: Final = Exporter(
     format="csv",
     title="figures in lines that begin with #, then a table of the poses",
     write=lambda route, path: _write(path, table.text_of(route)),
-    read=_read_table,
+    read=lambda path: table.route_of_text(read_text(path), str(path)),
 )
 GEOJSON: Final = Exporter(
     subject="route",

@@ -106,8 +106,8 @@ def figures(route: Route) -> Figures:
             "exposure_m": route.exposure,
             "unexplored_m": route.unexplored_metres,
             "longest_bad_m": route.longest_bad,
-            "longest_corridor_m": known(route.longest_corridor),
-            "longest_open_m": known(route.longest_open),
+            "longest_corridor_m": none_if_nan(route.longest_corridor),
+            "longest_open_m": none_if_nan(route.longest_open),
             "turn_rad": route.turn,
             "duration_s": route.duration,
         }
@@ -142,7 +142,7 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         raise InputError(
             f"{where}: it has {len(points)} of the poses of a route; it needs two or more."
         )
-    given = _all_or_none("covariance", [point.covariance for point in points], where)
+    covariance_values = _all_or_none("covariance", [point.covariance for point in points], where)
     stamps = _all_or_none("stamp", [point.stamp for point in points], where)
     falls = np.flatnonzero(np.diff(stamps) < 0.0)
     if len(falls):
@@ -156,10 +156,10 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     covariances = None
-    if given:
-        covariances = np.empty((len(given), 3, 3))
-        covariances[:, _UPPER[0], _UPPER[1]] = given
-        covariances[:, _UPPER[1], _UPPER[0]] = given
+    if covariance_values:
+        covariances = np.empty((len(covariance_values), 3, 3))
+        covariances[:, _UPPER[0], _UPPER[1]] = covariance_values
+        covariances[:, _UPPER[1], _UPPER[0]] = covariance_values
     return Route(
         poses=np.array([(point.x, point.y, point.theta) for point in points]),
         steering=steering,
@@ -188,13 +188,13 @@ def _all_or_none(name: str, values: list[Value | None], where: str) -> list[Valu
     Raises:
         InputError: only some have one.
     """
-    given = [value for value in values if value is not None]
-    if given and len(given) < len(values):
+    present = [value for value in values if value is not None]
+    if present and len(present) < len(values):
         raise InputError(
-            f"{where}: only {len(given)} of {len(values)} poses have a {name}; "
+            f"{where}: only {len(present)} of {len(values)} poses have a {name}; "
             "give it for all or for none."
         )
-    return given
+    return present
 
 
 def _longest(saved: Figures, longest: float | None, own: float, other: float) -> float:
@@ -216,6 +216,6 @@ def _longest(saved: Figures, longest: float | None, own: float, other: float) ->
     return saved.longest_bad_m if other == 0.0 else math.nan
 
 
-def known(metres: float) -> float | None:
+def none_if_nan(metres: float) -> float | None:
     """Convert a figure for files: nan, which means unknown, to None."""
     return None if math.isnan(metres) else metres

@@ -89,12 +89,12 @@ class PlaceGraph:
         lattice = Lattice.over(environment, step)
         checker = CollisionChecker(environment, Footprint.disc(reach.radius), Steering("r2"))
         x, y = lattice.points
-        kept = reach.reaches(x, y)
-        kept[kept] = checker.poses_free(_poses(np.column_stack([x[kept], y[kept]])))
-        kept[kept] = explored(environment, x[kept], y[kept])
-        if kept.sum() < 2:
+        usable = reach.reaches(x, y)
+        usable[usable] = checker.poses_free(_poses(np.column_stack([x[usable], y[usable]])))
+        usable[usable] = explored(environment, x[usable], y[usable])
+        if usable.sum() < 2:
             raise _no_places(environment, reach, step)
-        lattice = lattice.among(kept)
+        lattice = lattice.among(usable)
         points = np.column_stack(lattice.points)
         pairs = neighbour_pairs(lattice.index)
         pairs = pairs[checker.motions_free(*(_poses(points[pairs[:, end]]) for end in (0, 1)))]
@@ -156,14 +156,14 @@ class PlaceGraph:
 
     def _straightened(self, points: Floats) -> Floats:
         poses = _poses(points)
-        at, kept = 0, [0]
+        at, indices = 0, [0]
         while at < len(points) - 1:
             ahead = poses[at + 1 :]
             free = self.checker.motions_free(np.repeat(poses[at : at + 1], len(ahead), 0), ahead)
             free[0] = True
             at += 1 + int(np.flatnonzero(free)[-1])
-            kept.append(at)
-        return points[kept]
+            indices.append(at)
+        return points[indices]
 
     def _tightened(self, points: Floats) -> Floats:
         """Move each inner point, one step at a time, while that shortens the route."""

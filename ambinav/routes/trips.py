@@ -102,17 +102,17 @@ def read_trips(path: str | Path) -> tuple[Trip, ...]:
     plain = parse_yaml(read_text(path), str(path), f"write a line such as `{EXAMPLE}`")
     listed = checked(PlacesFile, plain, str(path))
     trips = listed.trips or tuple(permutations(listed.places, 2))
-    known = set()
+    previous = set()
     for number, trip in enumerate(listed.trips or ()):
         where = f"{path}: trips[{number}]"
         for name in trip:
             if name not in listed.places:
                 offer = nearest(name, tuple(listed.places))
                 raise InputError(f"{where}: {name!r} is not a place; {offer}.")
-        if trip[0] == trip[1] or trip in known:
+        if trip[0] == trip[1] or trip in previous:
             problem = "leads nowhere" if trip[0] == trip[1] else "is listed twice"
             raise InputError(f"{where}: {trip[0]} to {trip[1]} {problem}; leave it out.")
-        known.add(trip)
+        previous.add(trip)
     for start, goal in trips:
         if listed.places[start] == listed.places[goal]:
             raise InputError(

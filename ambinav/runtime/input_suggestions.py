@@ -67,20 +67,20 @@ def kind_of_path(path: Path) -> Kind | None:
     return None
 
 
-def refuse(where: str, kind: Kind | None, wanted: str, *fits: Kind) -> None:
+def refuse(where: str, kind: Kind | None, expected: str, *fits: Kind) -> None:
     """Raise `InputError` with a file's kind, if that is known and not the kind wanted.
 
     Args:
         where: The file.
         kind: What it is, or None.
-        wanted: What it should be, with its article.
+        expected: What it should be, with its article.
         fits: Kinds that are what is wanted.
 
     Raises:
         InputError: it is something else.
     """
     if kind is not None and kind not in fits:
-        raise InputError(f"{where}: this is {kind.name}, not {wanted}; {kind.remedy}.")
+        raise InputError(f"{where}: this is {kind.name}, not {expected}; {kind.remedy}.")
 
 
 def refuse_image(path: Path) -> None:

@@ -251,9 +251,9 @@ def _names(code: CodeType) -> set[str]:
 def _code(code: CodeType) -> bytes:
     """Return bytes that identify the behaviour of a code object, independent of its location."""
     plain = [c for c in code.co_consts if not isinstance(c, CodeType)]
-    own = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_argcount)
+    names = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_argcount)
     return b"\0".join(
-        [code.co_code, repr(own).encode(), *map(_constant, plain), *map(_code, _nested(code))]
+        [code.co_code, repr(names).encode(), *map(_constant, plain), *map(_code, _nested(code))]
     )
 
 

@@ -22,3 +22,8 @@ def silent_stages(text: str) -> Progress:
 def within(progress: Progress, low: float, high: float) -> Progress:
     """Return the progress of a part of the work, which leads from one share to another."""
     return lambda share: progress(low + (high - low) * share)
+
+
+def step_of(progress: Progress, done: int, count: int) -> Progress:
+    """Return the progress of the step after `done` of `count` equal ones."""
+    return lambda share: progress((done + share) / count)

@@ -15,7 +15,7 @@ import importlib.util
 import json
 import shutil
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -83,6 +83,12 @@ def library_version(name: str) -> str | None:
         return None
 
 
+def library_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those of some distributions that are installed."""
+    versions = {name: library_version(name) for name in names}
+    return {name: version for name, version in versions.items() if version is not None}
+
+
 @dataclasses.dataclass(frozen=True)
 class Provenance:
     """Code and libraries that compute results.
@@ -100,9 +106,8 @@ class Provenance:
     @classmethod
     def here(cls, *libraries: str) -> Provenance:
         """Return the provenance of this process: code, `LIBRARIES` and those named here."""
-        versions = {name: library_version(name) for name in sorted({*LIBRARIES, *libraries})}
-        known = {name: version for name, version in versions.items() if version is not None}
-        return cls(__version__, code_digest(), known)
+        versions = library_versions(sorted({*LIBRARIES, *libraries}))
+        return cls(__version__, code_digest(), versions)
 
     @property
     def digest(self) -> str:

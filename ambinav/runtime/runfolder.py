@@ -60,10 +60,12 @@ class RunFolder:
             return path
         if not path.is_dir():
             raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-        held = sorted(path.iterdir())
-        foreign = [item.name for item in held if not (self._owns(item.name) or self._left(item))]
-        if not foreign and held and not self._proven(path):
-            foreign = [item.name for item in held]
+        items = sorted(path.iterdir())
+        foreign = [
+            item.name for item in items if not (self._owns(item.name) or self._leftover(item))
+        ]
+        if not foreign and items and not self._proven(path):
+            foreign = [item.name for item in items]
         if foreign:
             raise InputError(
                 f"{folder}: this folder holds {foreign[0]}, which is not of an earlier "
@@ -112,16 +114,16 @@ class RunFolder:
                         stacklevel=3,
                     )
             if not shared:
-                kept = folder / self.kept
-                for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
-                    if self._left(item):
+                work = folder / self.kept
+                for item in (*folder.iterdir(), *(work.iterdir() if work.is_dir() else ())):
+                    if self._leftover(item):
                         shutil.rmtree(item)
             yield
 
     def _owns(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.names)
 
-    def _left(self, path: Path) -> bool:
+    def _leftover(self, path: Path) -> bool:
         """Return whether this folder is a leftover of `files.replacing` in a killed process."""
         name, _, suffix = path.name.removeprefix(".").rpartition(".")
         ours = self._owns(name) or path.parent.name == self.kept

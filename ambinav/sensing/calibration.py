@@ -79,8 +79,8 @@ class CalibrationFit:
                 lie far beyond it, are 0, or differ much from the others at like ranges.
         """
         if std_model not in get_args(StdModel):
-            known = ", ".join(get_args(StdModel))
-            raise InputError(f"std_model is {std_model!r}; choose from {known}.")
+            names = ", ".join(get_args(StdModel))
+            raise InputError(f"std_model is {std_model!r}; choose from {names}.")
         if degree is not None and (isinstance(degree, bool) or degree not in range(10)):
             raise InputError(f"degree is {degree!r}; give 0 to 9, or None to have it chosen.")
         values, source, places = load_pairs(pairs)

@@ -234,8 +234,8 @@ class Mounts:
         order = np.roll(order, -1 - int(np.argmax(gap)))
         number = len(order)
         if float(gap.max()) <= 1.5 * TURN / number:
-            kept = divisor(number, most) or most
-            chosen = np.arange(kept) * number // kept
+            count = divisor(number, most) or most
+            chosen = np.arange(count) * number // count
         else:
             chosen = np.rint(np.linspace(0, number - 1, most)).astype(np.intp)
         kept_beams = np.sort(order[chosen])

@@ -45,7 +45,7 @@ Elevations: TypeAlias = Annotated[tuple[Elevation, ...], some_numbers]
 FieldOfView: TypeAlias = Annotated[
     Number, _angle(lambda a: 0.0 <= a < math.pi, "a camera sees less than 180")
 ]
-"""Of a pinhole camera, radians."""
+"""Field of view of a pinhole camera, radians."""
 Mount: TypeAlias = Annotated[tuple[Number, Number, Angle], row(3, "give x, y and yaw")]
 """x and y in metres and yaw in radians, robot frame."""
 
@@ -121,9 +121,9 @@ def thinned_fan(beams: int, aperture: float, most: int) -> tuple[int, float]:
     if most == 1:
         return 1, 0.0
     gaps, step = beams - 1, aperture / (beams - 1)
-    for kept in range(most - 1, 0, -1):
-        stride = gaps // kept
-        spare = gaps - kept * stride
+    for spaces in range(most - 1, 0, -1):
+        stride = gaps // spaces
+        spare = gaps - spaces * stride
         if spare <= stride:
             break
-    return kept + 1, kept * stride * step
+    return spaces + 1, spaces * stride * step

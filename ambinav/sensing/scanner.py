@@ -199,17 +199,17 @@ class RangeScanner(Beams):
         Raises:
             InputError: the shapes do not fit, or an index names no sensor.
         """
-        known = (sensors,) if isinstance(sensors, RangeSensor) else tuple(sensors)
+        models = (sensors,) if isinstance(sensors, RangeSensor) else tuple(sensors)
         table = np.asarray(mounts, dtype=np.float64)
         if table.ndim != 2 or table.shape[1] != 3:
             raise InputError(f"mounts have the shape {table.shape}; give (beams, 3): x, y, yaw.")
         index = np.zeros(len(table), dtype=np.intp)
         if sensor_of_beam is not None:
             index = np.asarray(sensor_of_beam, dtype=np.intp)
-        if index.shape != (len(table),) or not np.isin(index, np.arange(len(known))).all():
+        if index.shape != (len(table),) or not np.isin(index, np.arange(len(models))).all():
             raise InputError(
                 f"sensor_of_beam has the shape {index.shape}; give one index from 0 to "
-                f"{len(known) - 1} for each of the {len(table)} mounts."
+                f"{len(models) - 1} for each of the {len(table)} mounts."
             )
         up = np.zeros((len(table), 2)) if upright is None else np.asarray(upright, np.float64)
         if up.shape != (len(table), 2):
@@ -218,7 +218,7 @@ class RangeScanner(Beams):
                 f"{len(table)} mounts."
             )
         runs = (list(run) for _, run in groupby(range(len(table)), key=index.__getitem__))
-        parts = tuple(Part(known[index[run[0]]], Mounts.of(table[run], up[run])) for run in runs)
+        parts = tuple(Part(models[index[run[0]]], Mounts.of(table[run], up[run])) for run in runs)
         return cls(parts, name)
 
     @classmethod

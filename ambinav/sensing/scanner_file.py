@@ -100,13 +100,13 @@ _LEFT_OUT = ("staggered", "z", "pitch", "roll")
 def _model(kind: Any) -> type[ConfigModel]:
     """Return the model of a layout's mapping in a file: its fields in their order."""
     hints = get_type_hints(kind, include_extras=True)
-    known: dict[str, Any] = {}
+    model_fields: dict[str, Any] = {}
     for field in fields(kind):
         hint = hints[field.name]
         key = f"{field.name}_deg" if hint in _IN_DEGREES else field.name
         in_file = MountDegrees if hint == Mount else _IN_DEGREES.get(hint, hint)
-        known[key] = in_file, ... if field.default is MISSING else field.default
-    return create_model(kind.__name__, __base__=ConfigModel, **known)
+        model_fields[key] = in_file, ... if field.default is MISSING else field.default
+    return create_model(kind.__name__, __base__=ConfigModel, **model_fields)
 
 
 def layout_of(kind: Any, plain: object) -> Layout:
@@ -185,10 +185,10 @@ class _PartModel(ConfigModel):
     def _one_layout(cls, plain: Any) -> Any:
         if isinstance(plain, Mapping):
             check_keys(plain, cls.model_fields)
-            given = [kind for kind in LAYOUTS if kind in plain]
-            if "sensor" in plain and len(given) != 1:
+            layouts = [kind for kind in LAYOUTS if kind in plain]
+            if "sensor" in plain and len(layouts) != 1:
                 raise InputError(
-                    f"the part has {' and '.join(given) or 'no layout'}; give exactly one of "
+                    f"the part has {' and '.join(layouts) or 'no layout'}; give exactly one of "
                     f"{', '.join(LAYOUTS)}."
                 )
         return plain

@@ -142,12 +142,12 @@ class Layers(AtPoint, InSpace):
         total = self.columns if self.staggered else self.columns * len(self.elevation)
         if total <= most:
             return self
-        kept = kept_rows(self.elevation, self.aperture, most)
-        rows = len(kept)
+        elevation = kept_rows(self.elevation, self.aperture, most)
+        rows = len(elevation)
         columns, aperture = thinned_fan(self.columns, self.aperture, most // rows)
         if self.staggered:
             columns, aperture = most // rows * rows, self.aperture
-        return replace(self, columns=columns, aperture=aperture, elevation=kept)
+        return replace(self, columns=columns, aperture=aperture, elevation=elevation)
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,6 @@ class Tilting(AtPoint, InSpace):
         """
         if self.beams * len(self.pitch) <= most:
             return self
-        kept = kept_rows(self.pitch, self.aperture, most)
-        beams, aperture = thinned_fan(self.beams, self.aperture, most // len(kept))
-        return replace(self, beams=beams, aperture=aperture, pitch=kept)
+        pitch = kept_rows(self.pitch, self.aperture, most)
+        beams, aperture = thinned_fan(self.beams, self.aperture, most // len(pitch))
+        return replace(self, beams=beams, aperture=aperture, pitch=pitch)

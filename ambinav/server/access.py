@@ -122,8 +122,10 @@ class Access:
             return Refusal(403, "Requests from pages of other sites are refused.", {})
         if self.is_open or path in OPEN_PATHS or not path.startswith("/v1"):
             return None
-        given = headers.get(b"authorization", b"")
-        may_edit, may_read = (_matches(given, token) for token in (self.token, self.read_token))
+        authorization = headers.get(b"authorization", b"")
+        may_edit, may_read = (
+            _matches(authorization, token) for token in (self.token, self.read_token)
+        )
         if not may_edit and not may_read:
             return Refusal(
                 401,
@@ -170,5 +172,5 @@ def _split(address: str) -> SplitResult | None:
     return parts
 
 
-def _matches(given: bytes, token: str | None) -> bool:
-    return token is not None and hmac.compare_digest(given, f"Bearer {token}".encode())
+def _matches(authorization: bytes, token: str | None) -> bool:
+    return token is not None and hmac.compare_digest(authorization, f"Bearer {token}".encode())

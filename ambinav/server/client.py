@@ -8,7 +8,6 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self, TypeVar, overload
 from urllib.parse import quote
 
@@ -20,6 +19,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 from ambinav.runtime.scalars import Scalar
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_map
 from ambinav.service.service import AmbiguityService, Pose
@@ -88,14 +88,11 @@ class Client(AmbiguityService):
         if token is not None and not (token.isascii() and token.isprintable()):
             raise InputError("token has characters that no token has; give printable ASCII.")
         as_number(patience, "patience")
-        try:
-            import httpx
-        except ModuleNotFoundError as error:
-            raise InputError(
-                'ambinav.Client needs httpx; run: pip install "ambinav[serve]".'
-            ) from error
+        need("ambinav.Client", ("httpx",), "serve")
+        import httpx
+
         self._errors = httpx.HTTPError, httpx.InvalidURL
-        self._given = url, token, patience
+        self._connection = url, token, patience
         self._match: dict[str, str] = {}
         headers = {} if token is None else {"authorization": f"Bearer {token}"}
         transport = httpx.HTTPTransport()
@@ -143,7 +140,7 @@ class Client(AmbiguityService):
         try:
             info: dict[str, Any] = self._get(f"/v1/maps/{quote(self.id, safe='')}", patience=0.0)
         except InputError:
-            url = self._given[0]
+            url = self._connection[0]
             raise InputError(
                 f"{url} has no map {self.id!r}; it serves {', '.join(served)}."
             ) from None
@@ -161,25 +158,19 @@ class Client(AmbiguityService):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return a new client for the process or thread that receives it."""
-        url, token, patience = self._given
-        return _again, (url, self.id, token, self.layer, self.weight, patience)
+        url, token, patience = self._connection
+        return _connected, (url, self.id, token, self.layer, self.weight, patience)
 
     def __repr__(self) -> str:
         """Return address, map, layer and weight."""
-        return (
-            f"Client({self._given[0]!r}, {self.id!r}, layer={self.layer!r}, weight={self.weight:g})"
-        )
+        url, layer = self._connection[0], self.layer
+        return f"Client({url!r}, {self.id!r}, layer={layer!r}, weight={self.weight:g})"
 
     def __enter__(self) -> Self:
         """Return the client itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the connections."""
         self.close()
 
@@ -243,29 +234,29 @@ class Client(AmbiguityService):
 
     def _request_rows(
         self,
-        what: str,
+        endpoint: str,
         names: tuple[str, ...],
         values: Sequence[ArrayLike | None],
         query: dict[str, str],
     ) -> Floats | float:
         """Request one number for each row of the columns; headings that are None are omitted."""
-        given = [
+        columns = [
             (name, value)
             for name, value in zip(names, values, strict=True)
             if value is not None or not name.startswith("theta")
         ]
-        shape, flat = as_flat(**{name: math.nan if v is None else v for name, v in given})
-        query = query | {"columns": ",".join(name for name, _ in given)}
+        shape, flat = as_flat(**{name: math.nan if v is None else v for name, v in columns})
+        query = query | {"columns": ",".join(name for name, _ in columns)}
         count = flat[0].size
         out = np.empty(count)
         for low in range(0, count, PIECE):
             piece = slice(low, min(low + PIECE, count))
             body = packed(column[piece] for column in flat)
-            out[piece] = np.frombuffer(self._post(what, body, query), dtype="<f8")
+            out[piece] = np.frombuffer(self._post(endpoint, body, query), dtype="<f8")
         return out.reshape(shape) if shape else float(out[0])
 
-    def _post(self, what: str, body: bytes, query: dict[str, str]) -> bytes:
-        path = f"/v1/maps/{self.id}/{what}"
+    def _post(self, endpoint: str, body: bytes, query: dict[str, str]) -> bytes:
+        path = f"/v1/maps/{self.id}/{endpoint}"
         headers = {"content-type": OCTETS}
         answer = self._send("POST", path, content=body, params=query, headers=headers)
         return bytes(answer.content)
@@ -275,14 +266,14 @@ class Client(AmbiguityService):
         try:
             return answer.json()
         except ValueError:
-            raise InputError(_no_server(self._given[0])) from None
+            raise InputError(_no_server(self._connection[0])) from None
 
-    def _send(self, method: str, path: str, patience: float | None = None, **what: Any) -> Any:
+    def _send(self, method: str, path: str, patience: float | None = None, **options: Any) -> Any:
         """Send a request and return the answer, after several attempts if that may help."""
-        what["headers"] = what.get("headers", {}) | self._match
+        options["headers"] = options.get("headers", {}) | self._match
 
         def attempt() -> Any:
-            answer = self._http.request(method, path, **what)
+            answer = self._http.request(method, path, **options)
             self._check(answer)
             return answer
 
@@ -292,7 +283,7 @@ class Client(AmbiguityService):
         """Return the result of an attempt, repeated while the server is gone or busy."""
         import httpx
 
-        end = time.monotonic() + (self._given[2] if patience is None else patience)
+        end = time.monotonic() + (self._connection[2] if patience is None else patience)
         pause, closed = PAUSE, False
         while True:
             wait = pause
@@ -332,12 +323,14 @@ class Client(AmbiguityService):
                         file.write(piece)
 
             self._repeated(attempt)
-            return read_map(path, f"{self._given[0]}{address}")
+            return read_map(path, f"{self._connection[0]}{address}")
 
     def _unanswered(self, error: Exception) -> ServerError:
-        found = ServerError(f"{self._given[0]}: no server answers there ({type(error).__name__}).")
-        found.__cause__ = error
-        return found
+        failure = ServerError(
+            f"{self._connection[0]}: no server answers there ({type(error).__name__})."
+        )
+        failure.__cause__ = error
+        return failure
 
     def _check(self, answer: Any) -> None:
         """Raise the error that an answer reports."""
@@ -346,12 +339,12 @@ class Client(AmbiguityService):
         try:
             detail = str(answer.json()["detail"])
         except (ValueError, KeyError, TypeError):
-            detail = f"{self._given[0]} answers with the status {answer.status_code}."
+            detail = f"{self._connection[0]} answers with the status {answer.status_code}."
         if answer.status_code in BUSY:
             raise _BusyError(detail, answer.headers.get("retry-after", ""))
         if answer.status_code == CHANGED:
             raise ServerError(
-                f"{self._given[0]}: the map {self.id!r} is another one since this client was "
+                f"{self._connection[0]}: the map {self.id!r} is another one since this client was "
                 "created; create a new client."
             )
         if answer.status_code >= 500:
@@ -371,7 +364,7 @@ def _no_server(url: str) -> str:
     return f"{url}: this is not an ambinav server; give the address that `ambinav serve` prints."
 
 
-def _again(
+def _connected(
     url: str, map: str, token: str | None, layer: str, weight: float, patience: float
 ) -> Client:
     return Client(url, map, token, layer=layer, weight=weight, patience=patience)

@@ -73,7 +73,7 @@ class Guard:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return
-        given = scope
+        original_scope = scope
         if scope["method"] == "HEAD":
             scope = {**scope, "method": "GET"}  # uvicorn sends no body of its answer
         begun = False
@@ -84,7 +84,7 @@ class Guard:
             await send(message)
 
         try:
-            with self._counted(given):
+            with self._counted(original_scope):
                 await self._app(scope, receive, noted)
         except ClientDisconnect:
             return  # within its body
@@ -98,7 +98,7 @@ class Guard:
             if not begun:
                 await problem_response(503, ENDING)(scope, receive, send)
         finally:
-            given["route"] = scope.get("route")
+            original_scope["route"] = scope.get("route")
 
     @contextmanager
     def _counted(self, scope: Scope) -> Iterator[None]:
@@ -115,9 +115,9 @@ class Guard:
         kinds = [(self._requests, limits.client_requests, "requests")]
         if is_job:
             kinds.append((self._jobs, limits.client_jobs, "jobs"))
-        for counter, most, what in kinds:
+        for counter, most, noun in kinds:
             if counter[client] >= most:
-                raise too_many(client, most, what)
+                raise too_many(client, most, noun)
         for counter, _, _ in kinds:
             counter[client] += 1
         try:

@@ -36,12 +36,12 @@ UNKNOWN: Final = {
 _log = logging.getLogger("ambinav.server")
 
 
-def sentence_of(error: Exception, what: str) -> str:
+def sentence_of(error: Exception, subject: str) -> str:
     """Log the error that ended something, and return what its client reads of it."""
     if disk_is_full(error):
-        _log.error("%s: the disk is full", what)
+        _log.error("%s: the disk is full", subject)
         return FULL
-    _log.error("%s failed", what, exc_info=error)
+    _log.error("%s failed", subject, exc_info=error)
     return OURS
 
 
@@ -83,10 +83,10 @@ class Problem(HTTPException):
         self.field = field
 
 
-def too_many(client: str, most: int, what: str) -> Problem:
+def too_many(client: str, most: int, noun: str) -> Problem:
     """Return the answer to a client that has its maximum number of requests or jobs."""
     return Problem(
-        429, f"{client} has {most} {what} here already; wait for one of them.", headers=RETRY
+        429, f"{client} has {most} {noun} here already; wait for one of them.", headers=RETRY
     )
 
 
@@ -170,8 +170,8 @@ def install(app: FastAPI) -> None:
 
 def named_field(detail: str) -> str | None:
     """Return the parameter that a sentence of ours begins with: "weight is inf; give ..."."""
-    name, found, _ = detail.partition(" is ")
-    return name if found and name in FIELDS else None
+    name, separator, _ = detail.partition(" is ")
+    return name if separator and name in FIELDS else None
 
 
 def invalid(errors: Any) -> Response:

@@ -31,32 +31,32 @@ def packed(columns: Iterable[Floats]) -> bytes:
     return b"".join(np.ascontiguousarray(column, dtype=_LITTLE).tobytes() for column in columns)
 
 
-def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> dict[str, Floats]:
+def unpacked(body: bytes, names: str, columns: tuple[str, ...], required: int) -> dict[str, Floats]:
     """Return the columns of a body by name, as views of the body.
 
     Args:
         body: Columns one after the other, float64, little-endian.
         names: Names of the columns, in order, with commas between.
-        known: Names that there are.
-        needed: Number of leading columns that are required.
+        columns: Names that there are.
+        required: Number of leading columns that are required.
 
     Raises:
         InputError: a name is unknown, twice there or missing, or the body is no such columns.
     """
-    given = names.split(",")
-    if len(set(given)) != len(given) or not set(given) <= set(known):
-        raise InputError(f"columns is {names!r}; give names from {','.join(known)}, each once.")
-    missing = [name for name in known[:needed] if name not in given]
+    sent = names.split(",")
+    if len(set(sent)) != len(sent) or not set(sent) <= set(columns):
+        raise InputError(f"columns is {names!r}; give names from {','.join(columns)}, each once.")
+    missing = [name for name in columns[:required] if name not in sent]
     if missing:
         raise InputError(f"columns is {names!r}; it lacks {', '.join(missing)}.")
-    size, excess = divmod(len(body), _LITTLE.itemsize * len(given))
+    size, excess = divmod(len(body), _LITTLE.itemsize * len(sent))
     if excess:
         raise InputError(
-            f"the body has {len(body)} bytes, which is not a whole number of rows of {len(given)} "
+            f"the body has {len(body)} bytes, which is not a whole number of rows of {len(sent)} "
             "float64."
         )
-    table = np.frombuffer(body, dtype=_LITTLE).reshape(len(given), size)
-    return dict(zip(given, table, strict=True))
+    table = np.frombuffer(body, dtype=_LITTLE).reshape(len(sent), size)
+    return dict(zip(sent, table, strict=True))
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:

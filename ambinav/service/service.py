@@ -304,9 +304,9 @@ class AmbiguityService:
         if steering is None or steering.kind != FACING:
             self._need_heading(theta0)
             self._need_heading(theta1)
-        given = {"x0": x0, "y0": y0, "theta0": theta0, "x1": x1, "y1": y1, "theta1": theta1}
-        shape, ends = _flat(**given)
-        for name, values in zip(given, ends, strict=True):
+        coordinates = {"x0": x0, "y0": y0, "theta0": theta0, "x1": x1, "y1": y1, "theta1": theta1}
+        shape, ends = _flat(**coordinates)
+        for name, values in zip(coordinates, ends, strict=True):
             if not np.isfinite(values).all():
                 raise InputError(f"{name} is not finite; give metres and radians.")
         xa, ya, ta, xb, yb, tb = ends

@@ -49,9 +49,9 @@ class VolumeService:
         self.weight = as_nonnegative(weight, "weight")
         self.volume = volume
         self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
-        known = volume.free & ~np.isnan(volume.dataset[self.layer].values)
+        has_value = volume.free & ~np.isnan(volume.dataset[self.layer].values)
         nearest = distance_transform_edt(
-            ~known, (volume.step, volume.spacing, volume.spacing),
+            ~has_value, (volume.step, volume.spacing, volume.spacing),
             return_distances=False, return_indices=True,
         )  # fmt: skip
         layer_values = volume.dataset[self.layer].values[tuple(nearest)]

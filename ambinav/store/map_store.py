@@ -199,7 +199,7 @@ class MapStore:
         return amap
 
     def note_opened(self, key: str, amap: AmbiguityMap) -> None:
-        """Say that a map was opened, by the names that it has now: it may be kept under others."""
+        """Report that a map was opened, by the names of its building and scanner in this call."""
         if self.notify is not None:
             self.notify(
                 f"the map of {amap.dataset.attrs['environment']} for "
@@ -299,21 +299,21 @@ class MapStore:
             with contextlib.suppress(OSError):
                 if entry.read_format(path) <= entry.FORMAT:
                     sizes[path] = path.stat().st_size
-        total, gone = sum(sizes.values()), []
+        total, removed = sum(sizes.values()), []
         for path, size in sizes.items():
             if total <= limit:
                 break
             with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
                 path.unlink(missing_ok=True)
-                gone.append(path)
+                removed.append(path)
                 total -= size
-        return gone
+        return removed
 
-    def _remove_leftovers(self, own: str | None = None) -> None:
+    def _remove_leftovers(self, locked: str | None = None) -> None:
         """Remove partly written files and locks of killed processes.
 
         Args:
-            own: The key whose lock is held here; of others it is done where nobody holds theirs.
+            locked: The key whose lock is held here; of others it is done where nobody holds theirs.
         """
         left: dict[str, list[str]] = {}
         for item in self._all():
@@ -323,9 +323,9 @@ class MapStore:
             elif scratch is not None and item.is_dir(follow_symlinks=False):
                 left.setdefault(scratch["key"], []).append(item.path)
         for key, paths in left.items():
-            held = None if key == own else try_lock(self.place / f"{key}{LOCK}")
-            if key == own or held is not None:
-                with held or contextlib.nullcontext():
+            lock = None if key == locked else try_lock(self.place / f"{key}{LOCK}")
+            if key == locked or lock is not None:
+                with lock or contextlib.nullcontext():
                     for path in paths:
                         shutil.rmtree(path, ignore_errors=True)
 

@@ -57,18 +57,18 @@ def size_limit() -> int:
     return LIMIT if not text else parse_size(text, LIMIT_VARIABLE)
 
 
-def parse_size(text: str, what: str) -> int:
+def parse_size(text: str, source: str) -> int:
     """Parse bytes from a text such as `500 MB`, `2G` or `0`.
 
     Raises:
-        InputError: it is none; the message begins with `what`.
+        InputError: it is none; the message begins with `source`.
     """
     match = _SIZE.fullmatch(text.strip())
     size = math.inf if match is None else float(match[1]) * _UNITS[match[2]]
     if math.isinf(size):
-        raise InputError(f"{what}: {text!r} is not a size; give e.g. 500 MB or 2 GB.")
+        raise InputError(f"{source}: {text!r} is not a size; give e.g. 500 MB or 2 GB.")
     if match is not None and not (match[2] or match[3]) and 0.0 < size < _BYTES:
-        raise InputError(f"{what}: {text!r} has no unit; give e.g. {match[1]} GB.")
+        raise InputError(f"{source}: {text!r} has no unit; give e.g. {match[1]} GB.")
     return round(size)
 
 

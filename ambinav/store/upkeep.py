@@ -43,7 +43,7 @@ class Kept:
     about: entry.About | None
 
 
-def kept(store: MapStore) -> list[Kept]:
+def entries_of(store: MapStore) -> list[Kept]:
     """List all entries of a store, most recently used first.
 
     Raises:
@@ -62,7 +62,7 @@ def find(store: MapStore, begun: str) -> Kept:
     Raises:
         InputError: there is none, or several.
     """
-    matches = [item for item in kept(store) if begun and item.key.startswith(begun)]
+    matches = [item for item in entries_of(store) if begun and item.key.startswith(begun)]
     keys = {item.key for item in matches}
     if len(keys) != 1:
         reason = f"{len(keys)} maps begin so; give more of the key" if keys else "no map begins so"
@@ -84,7 +84,7 @@ def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kep
     Raises:
         InputError: there is no such entry, or several.
     """
-    chosen = kept(store) if keys is None else [find(store, key) for key in keys]
+    chosen = entries_of(store) if keys is None else [find(store, key) for key in keys]
     for item in chosen:
         if item.path.suffix == DAMAGED or item.state == NEWER:
             continue
@@ -118,15 +118,15 @@ def prune(
     Raises:
         InputError: nothing is kept.
     """
-    before = {item.path: item.size for item in kept(store)}
+    before = {item.path: item.size for item in entries_of(store)}
     if other_code:
-        for item in kept(store):
+        for item in entries_of(store):
             if item.state == OTHER_CODE:
                 item.path.unlink(missing_ok=True)
     store.make_room(-1 if every else limit)  # at 0 empty files would stay
-    left = {item.path for item in kept(store)}
-    gone = [size for path, size in before.items() if path not in left]
-    return len(gone), sum(gone)
+    left = {item.path for item in entries_of(store)}
+    removed_sizes = [size for path, size in before.items() if path not in left]
+    return len(removed_sizes), sum(removed_sizes)
 
 
 def _look(path: Path) -> Kept:

@@ -214,9 +214,9 @@ def _building(plan: TilePlan) -> xr.Dataset:
         {}, lattice, settings.scanner, settings.thinned, settings.model, settings.theta, point
     )
     over = [name for name, array in small.data_vars.items() if array.dims[:2] == ("y", "x")]
-    kept = {name: small[name].attrs for name in ("x", "y")}
+    attrs = {name: small[name].attrs for name in ("x", "y")}
     return small.drop_vars([*over, "x", "y"]).assign_coords(
-        x=("x", x, kept["x"]), y=("y", y, kept["y"])
+        x=("x", x, attrs["x"]), y=("y", y, attrs["y"])
     )
 
 

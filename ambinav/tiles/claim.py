@@ -38,12 +38,12 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
     Raises:
         InputError: another build holds it.
     """
-    path, own = f"{root}{SUFFIX}", uuid.uuid4().hex
-    _refuse_other(_read(system, path), own, place)
+    path, build_id = f"{root}{SUFFIX}", uuid.uuid4().hex
+    _refuse_other(_read(system, path), build_id, place)
     ended = threading.Event()
 
     def beat() -> None:
-        record = {"id": own, "host": platform.node(), "pid": os.getpid(), "time": time.time()}
+        record = {"id": build_id, "host": platform.node(), "pid": os.getpid(), "time": time.time()}
         system.pipe_file(path, json.dumps(record).encode())
 
     def keep_beating() -> None:
@@ -59,7 +59,7 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
             f"{place}: nothing can be written beside it ({error}); name a folder in a bucket into "
             "which you may write."
         ) from error
-    _refuse_other(_read(system, path), own, place)  # a build that began at the same moment
+    _refuse_other(_read(system, path), build_id, place)  # a build that began at the same moment
     beating = threading.Thread(target=keep_beating, daemon=True)
     beating.start()
     try:
@@ -81,8 +81,8 @@ def _read(system: Any, path: str) -> dict[str, Any] | None:
         return None
 
 
-def _refuse_other(claim: dict[str, Any] | None, own: str, place: str) -> None:
-    if claim is None or claim["id"] == own:
+def _refuse_other(claim: dict[str, Any] | None, build_id: str, place: str) -> None:
+    if claim is None or claim["id"] == build_id:
         return
     ago = abs(time.time() - claim["time"])
     if ago < DEAD:

@@ -137,26 +137,26 @@ class TileInput:
         return self.solid.nbytes + sum(part.nbytes for part in parts)
 
 
-def tile_variables(job: TileJob, given: TileInput) -> dict[str, xr.DataArray]:
+def tile_variables(job: TileJob, tile_input: TileInput) -> dict[str, xr.DataArray]:
     """Compute the layers of a tile, equal to those of `build_map` bit for bit.
 
     It depends on its arguments alone, not on what other tiles there are.
 
     Args:
         job: What all tiles have in common.
-        given: The tile, and the building around it.
+        tile_input: The tile, and the building around it.
 
     Returns:
         Variables over (y, x) or (y, x, theta), by name. Where a robot can stand nowhere in the
         tile, what is solid alone: the others hold nothing.
     """
-    tile, part, settings = given.tile, given.part, job.settings
+    tile, part, settings = tile_input.tile, tile_input.part, job.settings
     count = math.prod(tile.shape)
-    solid = np.unpackbits(given.solid, count=count).reshape(tile.shape).astype(np.bool_)
+    solid = np.unpackbits(tile_input.solid, count=count).reshape(tile.shape).astype(np.bool_)
     backdrop = {BACKDROP: xr.DataArray(solid, dims=("y", "x"))}
     if part is None:
         return backdrop
-    space = given.space or job.space
+    space = tile_input.space or job.space
     env = part if space is None else part.in_space(space, job.floor)
     (low, high), (left, right), reach = tile.rows, tile.columns, job.reach
     rows = max(low - reach, 0), min(high + reach, job.shape[0])
@@ -164,23 +164,23 @@ def tile_variables(job: TileJob, given: TileInput) -> dict[str, xr.DataArray]:
     x, y = job.axes(rows, columns)
     xs, ys = np.meshgrid(x, y)
     inside = part.triangulation.contains(xs.ravel(), ys.ravel()).reshape(xs.shape)
-    own = (slice(low - rows[0], high - rows[0]), slice(left - columns[0], right - columns[0]))
-    if not inside[own].any():
+    inner = (slice(low - rows[0], high - rows[0]), slice(left - columns[0], right - columns[0]))
+    if not inside[inner].any():
         return backdrop
     around = Lattice(env, settings.spacing, x, y, inside)
     possible = standing(around, settings.mounted, settings.headings, settings.model.robot_radius)
     somewhere = np.asarray(possible.any(axis=1))
     around, possible = around.among(somewhere), possible[somewhere]
-    free = np.ascontiguousarray(around.free[own])
+    free = np.ascontiguousarray(around.free[inner])
     if not free.any():
         return backdrop
     chosen = np.zeros_like(around.free)
-    chosen[own] = free
+    chosen[inner] = free
     results = job.poses.sums(around, possible, chosen[around.free], silent)
     lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
     variables = pose_layers(lattice, settings.model, settings.theta, results)
     variables["clearance"] = clearance_layer(lattice)
-    if given.drawn:
+    if tile_input.drawn:
         solid &= ~free
     dataset = with_building(
         variables, lattice, settings.scanner, settings.thinned, settings.model, settings.theta,

@@ -197,10 +197,10 @@ class TilePlan:
             InputError: the robot can stand nowhere.
         """
         for tile in itertools.chain(self._samples(), self.tiles()):
-            given = self.input(tile)
-            variables = tile_variables(self.job, given)
+            tile_input = self.input(tile)
+            variables = tile_variables(self.job, tile_input)
             if "free" in variables:
-                return given, variables
+                return tile_input, variables
         raise InputError(
             f"at no point of {self.environment.name} a robot with scanner "
             f"{self.job.settings.scanner.name!r} fits; check its mounts (metres), the robot's "
@@ -230,12 +230,12 @@ class TilePlan:
 
     def estimate(self, workers: int) -> TileEstimate:
         """Time a sample, and estimate the whole on this many workers."""
-        given, variables = self.sample  # made once before, so that kernels are compiled
+        tile_input, variables = self.sample  # made once before, so that kernels are compiled
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
         try:
             start = time.perf_counter()
-            tile_variables(self.job, given)
+            tile_variables(self.job, tile_input)
             seconds = time.perf_counter() - start
         finally:
             numba.set_num_threads(threads)
@@ -248,7 +248,7 @@ class TilePlan:
             for array in variables.values()
         )
         tiles = math.prod(self.shape)
-        sent = self.input(self._busy_tile(given.tile)).nbytes
+        sent = self.input(self._busy_tile(tile_input.tile)).nbytes
         beams = len(self.job.poses.table.limit)
         band = min((self.cells + 2 * self.job.reach) ** 2, 256_000_000 // (beams * 20 * headings))
         return TileEstimate(

@@ -36,11 +36,11 @@ class TileWork:
             InputError: it cannot be written.
         """
         start = time.perf_counter()
-        if task.given is None:
+        if task.tile_input is None:
             free = self.store.holds(task.tile)
         else:
-            free = self.store.write(task.tile, tile_variables(self.job, task.given))
-        return TileDone(task.tile, free, task.given is not None, time.perf_counter() - start)
+            free = self.store.write(task.tile, tile_variables(self.job, task.tile_input))
+        return TileDone(task.tile, free, task.tile_input is not None, time.perf_counter() - start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +49,11 @@ class TileTask:
 
     Attributes:
         tile: The tile.
-        given: What it is made of; None: it has a record, which is to be checked.
+        tile_input: What it is made of; None: it has a record, which is to be checked.
     """
 
     tile: Tile
-    given: TileInput | None
+    tile_input: TileInput | None
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,12 @@ class TileQueue:
     kept: int = 0
     damaged: int = 0
     deaths: int = 0
-    _again: deque[Tile] = field(default_factory=deque)
+    _lost: deque[Tile] = field(default_factory=deque)
 
     def take(self) -> TileTask | None:
         """Return the next tile; None: none is left now, but tiles in progress may come back."""
-        if self._again:
-            tile = self._again.popleft()
+        if self._lost:
+            tile = self._lost.popleft()
             return TileTask(tile, self.plan.input(tile))
         for tile, has_record in self.order:
             return TileTask(tile, None if has_record else self.plan.input(tile))
@@ -114,7 +114,7 @@ class TileQueue:
         self.deaths = 0
         if done.free is None:
             self.damaged += 1
-            self._again.append(done.tile)
+            self._lost.append(done.tile)
             return
         self.free += done.free
         if done.was_made:
@@ -135,4 +135,4 @@ class TileQueue:
                 "several worker processes in a row were killed, perhaps for lack of memory; fewer "
                 "--workers or a smaller --tile need less"
             )
-        self._again.append(task.tile)
+        self._lost.append(task.tile)

@@ -85,7 +85,7 @@ def rank_agreement(
     )
 
 
-def rank_at_equal(values: Floats, *given: Floats, size: int = CLASS_SIZE) -> Floats:
+def rank_at_equal(values: Floats, *quantities: Floats) -> Floats:
     """Return the rank of each value among those alike in another value, from 0 to 1.
 
     What is left of `values` when what the given quantities say of them is taken away, whatever
@@ -93,15 +93,14 @@ def rank_at_equal(values: Floats, *given: Floats, size: int = CLASS_SIZE) -> Flo
 
     Args:
         values: Shape (N,).
-        given: Each of shape (N,). By the first the values are parted into classes of equal size,
-            each of these by the second into three, and so on.
-        size: Values in a class at the end, about.
+        quantities: Each of shape (N,). By the first the values are parted into classes of equal
+            size, each of these by the second into three, and so on.
     """
     out = np.empty(len(values))
     classes = [np.arange(len(values))]
-    for k, quantity in enumerate(given):
-        inner = PARTS ** (len(given) - 1 - k)
-        parts = max(len(values) // (size * inner), 1) if k == 0 else PARTS
+    for k, quantity in enumerate(quantities):
+        inner = PARTS ** (len(quantities) - 1 - k)
+        parts = max(len(values) // (CLASS_SIZE * inner), 1) if k == 0 else PARTS
         classes = [
             part
             for members in classes

@@ -133,13 +133,13 @@ def _episode(env: gym.Env[Any, Any], controller: EpisodeDriver | Policy, seed: i
     while not over:
         rows = {name: part[None] for name, part in seen.items()}
         if isinstance(controller, Policy):
-            wanted = controller.act(rows, starts)
+            actions = controller.act(rows, starts)
         else:
-            wanted = controller.act(rows, starts, simulation)
+            actions = controller.act(rows, starts, simulation)
         checked = checked_actions(
-            getattr(controller, "name", None), wanted, 1, simulation.parameters
+            getattr(controller, "name", None), actions, 1, simulation.parameters
         )
-        action = np.int64(np.asarray(wanted)[0]) if discrete else _in_box(env, checked[0])
+        action = np.int64(np.asarray(actions)[0]) if discrete else _in_box(env, checked[0])
         seen, reward, ended, cut, info = env.step(action)
         rewards.append(float(reward))
         costs.append(info["cost"])
@@ -158,23 +158,23 @@ def _in_box(env: gym.Env[Any, Any], speeds: np.ndarray[Any, Any]) -> Any:
 def _figures(env: gym.Env[Any, Any], seed: int, steps: np.ndarray[Any, Any]) -> Episodes:
     """Return the results of one episode, given reward, cost, lost and error of each step."""
     simulation = simulation_of(env)
-    own, site = simulation.state[:1], simulation.sites[0]
+    state, site = simulation.state[:1], simulation.sites[0]
     assert site is not None
     rewards, costs, lost, errors = steps
-    seconds = own["steps"] * simulation.parameters.dt
-    outcome = own["outcome"].copy()
+    seconds = state["steps"] * simulation.parameters.dt
+    outcome = state["outcome"].copy()
     # A wrapper may have ended it, such as Gymnasium's TimeLimit.
     outcome[outcome == RUNNING] = TIMEOUT
     return Episodes(
         outcome=outcome,
-        was_lost=own["was_lost"].copy(),
-        lost_at_end=own["lost"].copy(),
+        was_lost=state["was_lost"].copy(),
+        lost_at_end=state["lost"].copy(),
         lost_seconds=np.array([lost.sum()]) * simulation.parameters.dt,
         error_max=np.array([errors.max()]),
-        error_mean=np.array([errors.sum()]) / own["steps"],
-        exposure=own["exposure"].copy(),
-        travelled=own["travelled"].copy(),
-        shortest=own["shortest"].copy(),
+        error_mean=np.array([errors.sum()]) / state["steps"],
+        exposure=state["exposure"].copy(),
+        travelled=state["travelled"].copy(),
+        shortest=state["shortest"].copy(),
         seconds=seconds,
         reward=np.array([rewards.sum()]),
         cost=np.array([costs.sum()]),

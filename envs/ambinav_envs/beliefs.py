@@ -53,12 +53,12 @@ def as_beliefs(numbers: ArrayLike) -> Beliefs:
     Raises:
         InputError: the shape is another, or a number is not finite.
     """
-    given = np.asarray(numbers, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1] != NUMBERS or not np.isfinite(given).all():
+    table = np.asarray(numbers, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != NUMBERS or not np.isfinite(table).all():
         raise InputError(
-            f"belief: the numbers have the shape {given.shape}; give finite ones, (N, {NUMBERS})."
+            f"belief: the numbers have the shape {table.shape}; give finite ones, (N, {NUMBERS})."
         )
-    shares = np.clip(given, -1.0, 1.0)
+    shares = np.clip(table, -1.0, 1.0)
     std = _LEAST * (_MOST / _LEAST) ** (0.5 * (shares[:, 3:6] + 1.0))
     a, b, c = MOST_CORRELATION * shares[:, 6:].T
     ra, rb, rc = np.sqrt(1.0 - a * a), np.sqrt(1.0 - b * b), np.sqrt(1.0 - c * c)
@@ -81,13 +81,13 @@ def belief_numbers(offset: ArrayLike, covariance: ArrayLike) -> Floats:
         InputError: a shape is another, a number is not finite, or a covariance is not symmetric or
             not positive definite.
     """
-    given, cov = np.asarray(offset, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1] != 3 or cov.shape != (len(given), 3, 3):
+    offsets, cov = np.asarray(offset, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+    if offsets.ndim != 2 or offsets.shape[1] != 3 or cov.shape != (len(offsets), 3, 3):
         raise InputError(
-            f"belief: offset and covariance have the shapes {given.shape} and {cov.shape}; give "
+            f"belief: offset and covariance have the shapes {offsets.shape} and {cov.shape}; give "
             "(N, 3) and (N, 3, 3)."
         )
-    if not np.isfinite(given).all():
+    if not np.isfinite(offsets).all():
         raise InputError("belief: offset has a number that is not finite; give metres and radians.")
     bad = np.asarray(~np.isfinite(cov).all(axis=(1, 2)))
     sound = np.where(bad[:, None, None], np.eye(3), cov)
@@ -105,8 +105,8 @@ def belief_numbers(offset: ArrayLike, covariance: ArrayLike) -> Floats:
     a, b = factor[:, 1, 0], factor[:, 2, 0]
     c = factor[:, 2, 1] / np.sqrt(np.maximum(1.0 - b * b, 1e-300))
     deviation = 2.0 * np.log(std / _LEAST) / np.log(_MOST / _LEAST) - 1.0
-    heading = np.remainder(given[:, 2] + np.pi, 2.0 * np.pi) - np.pi
-    pose = np.column_stack([given[:, :2], heading]) / _REACH
+    heading = np.remainder(offsets[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    pose = np.column_stack([offsets[:, :2], heading]) / _REACH
     correlation = np.column_stack([a, b, c]) / MOST_CORRELATION
     numbers = np.concatenate([pose, deviation, correlation], axis=1)
     return np.asarray(np.clip(numbers, -1.0, 1.0), dtype=np.float64)

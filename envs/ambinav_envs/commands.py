@@ -80,8 +80,8 @@ def by_filter(
     """
     belief = filter_belief(observations) if parameters.belief else None
     there = at_goal(observations, parameters)
-    wanted = np.where(there[:, None], 0.0, commands)
-    return as_actions(wanted, parameters, there, belief=belief)
+    halted = np.where(there[:, None], 0.0, commands)
+    return as_actions(halted, parameters, there, belief=belief)
 
 
 def at_goal(

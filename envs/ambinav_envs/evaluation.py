@@ -247,13 +247,13 @@ def evaluate_seeds(
         controller = _PolicyDriver(controller)
     done = []
     for first in range(0, episodes, chunk):
-        own = seeds[first : first + chunk]
+        part = seeds[first : first + chunk]
         among = None if buildings is None else buildings[first : first + chunk]
 
-        def report_progress(share: float, first: int = first, count: int = len(own)) -> None:
+        def report_progress(share: float, first: int = first, count: int = len(part)) -> None:
             progress((first + share * count) / episodes)
 
-        done.append(_drive(controller, simulation, own, among, report_progress))
+        done.append(_drive(controller, simulation, part, among, report_progress))
     return joined(done)
 
 
@@ -310,19 +310,19 @@ def _drive(
         starts[:] = False
         steps += 1
         progress(max(steps / parameters.max_steps, 1.0 - np.count_nonzero(active) / count))
-    own = state[:count]
+    robots = state[:count]
     sites = [site for site in simulation.sites[:count] if site is not None]
     return Episodes(
-        outcome=own["outcome"].copy(),
-        was_lost=own["was_lost"].copy(),
-        lost_at_end=own["lost"].copy(),
+        outcome=robots["outcome"].copy(),
+        was_lost=robots["was_lost"].copy(),
+        lost_at_end=robots["lost"].copy(),
         lost_seconds=sums[COST_LOST][:count] * parameters.dt,
         error_max=largest[:count],
-        error_mean=sums[ERROR][:count] / own["steps"],
-        exposure=own["exposure"].copy(),
-        travelled=own["travelled"].copy(),
-        shortest=own["shortest"].copy(),
-        seconds=own["steps"] * parameters.dt,
+        error_mean=sums[ERROR][:count] / robots["steps"],
+        exposure=robots["exposure"].copy(),
+        travelled=robots["travelled"].copy(),
+        shortest=robots["shortest"].copy(),
+        seconds=robots["steps"] * parameters.dt,
         reward=sums[REWARD][:count],
         cost=sums[COST][:count],
         building=np.array([site.building.key for site in sites]),

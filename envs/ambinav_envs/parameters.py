@@ -51,7 +51,7 @@ GLOBAL: Final = ("mcl", "perfect")
 MOST_WALLS_STD: Final = 0.2
 """Metres. Walls that are off by more cross each other."""
 MOST_SECONDS: Final = 1e6
-"""Of waiting and of standing; in steps they stay whole numbers."""
+"""Longest time to wait or to stand still; its number of steps is still exact."""
 MOST_MAP_STD: Final = 100.0
 """Metres."""
 MOST_LATE: Final = 1000
@@ -296,11 +296,11 @@ class NavigationParameters:
     difficulty: Annotated[int, integer(least=0, most=len(LEVELS) - 1)] = 0
     task: Annotated[str | None, BeforeValidator(_task)] = None
 
-    def __new__(cls, **given: Any) -> NavigationParameters:
+    def __new__(cls, **values: Any) -> NavigationParameters:
         """Record which fields are given: `difficulty` sets the others."""
         made = super().__new__(cls)
-        if given:
-            made._set("_given", frozenset(given))
+        if values:
+            made._set("_given", frozenset(values))
         return made
 
     def __post_init__(self) -> None:

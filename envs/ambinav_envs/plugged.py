@@ -92,16 +92,16 @@ class PluggedFunctions:
         """
         if not (self._terms or self._parts or self.task.judges):
             return
-        own = state[rows]
-        seen = _seen(own, estimates, readings, rows)
+        moved = state[rows]
+        seen = _as_seen(moved, estimates, readings, rows)
         stepped = Stepped(
             seen=seen,
-            before=own["before"],
-            truth=own["truth"],
-            driven=own["driven"],
-            distance=own["distance"],
-            collided=own["collided"],
-            lost=own["lost"],
+            before=moved["before"],
+            truth=moved["truth"],
+            driven=moved["driven"],
+            distance=moved["distance"],
+            collided=moved["collided"],
+            lost=moved["lost"],
             dt=self._dt,
         )
         if self.task.judges:
@@ -127,7 +127,7 @@ class PluggedFunctions:
         for values in (*out.terms.values(), *out.weighted.values()):
             values[rows] = 0.0
         if self._parts:
-            self._show(_seen(state[rows], estimates, readings, rows), rows, out)
+            self._show(_as_seen(state[rows], estimates, readings, rows), rows, out)
 
     def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
         for part, size, calling in self._parts:
@@ -137,8 +137,8 @@ class PluggedFunctions:
             out.parts[part.name][rows] = values
 
 
-def _seen(
-    own: NDArray[np.void],
+def _as_seen(
+    moved: NDArray[np.void],
     estimates: Callable[[], tuple[Floats, Floats]],
     readings: Floats,
     rows: Rows,
@@ -147,8 +147,8 @@ def _seen(
     return Seen(
         estimate=mean[rows],
         covariance=covariance[rows],
-        speeds=own["speeds"],
-        goal=own["goal"],
+        speeds=moved["speeds"],
+        goal=moved["goal"],
         readings=readings[rows],
     )
 

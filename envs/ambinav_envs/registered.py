@@ -32,29 +32,29 @@ def is_wrapped(name: str) -> bool:
     return not is_plain(spec_of(name))
 
 
-def arguments_of_id(name: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def arguments_of_id(name: str, changes: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the arguments of `NavigationEnv` that an id stands for.
 
     Args:
         name: The id; "module:id" imports the module first.
-        given: Arguments that are given besides, and replace those of the id.
+        changes: Arguments that are given besides, and replace those of the id.
 
     Raises:
         InputError: nobody has registered it, or see `make_wrapped`.
     """
-    spec, given = spec_of(name), dict(given or {})
+    spec, changes = spec_of(name), dict(changes or {})
     if is_plain(spec):
-        return with_task({**spec.kwargs, **given})
-    env = make_wrapped(name, given)
+        return with_task({**spec.kwargs, **changes})
+    env = make_wrapped(name, changes)
     simulation = simulation_of(env)
     env.close()
     source, parameters = simulation.source, simulation.parameters
     place: dict[str, Any] = {"suite": source.name, "buildings": source.count}
     if source.environment is not None:
         place = {"map": source.environment}
-    own = {item.name: getattr(parameters, item.name) for item in fields(NavigationParameters)}
-    plain = {key: value for key, value in given.items() if key not in _LIMITS}
-    return {**place, "first_building": source.first, **own, **plain}
+    values = {item.name: getattr(parameters, item.name) for item in fields(NavigationParameters)}
+    plain = {key: value for key, value in changes.items() if key not in _LIMITS}
+    return {**place, "first_building": source.first, **values, **plain}
 
 
 def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
@@ -87,14 +87,14 @@ def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
             "whose environment is one, or a wrapper around one."
         )
     parameters = inner.simulation.parameters
-    for what, own, ours in (
+    for noun, registered, ours in (
         ("observation_space", env.observation_space, observation_space(parameters)),
         ("action_space", env.action_space, action_space(parameters)),
     ):
-        if own != ours:
+        if registered != ours:
             raise InputError(
-                f"{name}: {what} ({_text(own)}) has other parts, shapes or limits than that of "
-                f"NavigationEnv ({_text(ours)}); leave out the wrapper that changes it."
+                f"{name}: {noun} ({_text(registered)}) has other parts, shapes or limits than that "
+                f"of NavigationEnv ({_text(ours)}); leave out the wrapper that changes it."
             )
     return _Guarded(env, name)
 
@@ -106,14 +106,14 @@ class _Guarded(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self._name = name
 
-    def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
         """Begin an episode.
 
         Raises:
             InputError: it fails.
         """
         with self._naming("reset"):
-            seen, info = self.env.reset(**given)
+            seen, info = self.env.reset(**options)
         return seen, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -144,14 +144,14 @@ class _Guarded(gym.Wrapper[Any, Any, Any, Any]):
             return seen, float(reward), ended, cut, info
 
     @contextmanager
-    def _naming(self, what: str) -> Iterator[None]:
+    def _naming(self, method: str) -> Iterator[None]:
         try:
             yield
         except InputError as error:
             raise InputError(f"{self._name}: {error}") from error
         except Exception as error:
             raise InputError(
-                f"{self._name}: {what} failed ({reason(error)}); fix what is registered."
+                f"{self._name}: {method} failed ({reason(error)}); fix what is registered."
             ) from error
 
 

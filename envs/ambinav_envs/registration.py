@@ -55,12 +55,12 @@ class TaskRegistry(Registry[TaskSpec]):
         return entry
 
 
-def _own(spec: TaskSpec) -> TaskSpec:
+def _itself(spec: TaskSpec) -> TaskSpec:
     return spec
 
 
 TASKS: Final = TaskRegistry(
-    "task", TaskSpec, "ambinav.tasks", {spec.name: partial(_own, spec) for spec in SHIPPED}
+    "task", TaskSpec, "ambinav.tasks", {spec.name: partial(_itself, spec) for spec in SHIPPED}
 )
 """The tasks: ours, and those of plug-ins."""
 
@@ -135,21 +135,21 @@ def spec_of(name: object) -> EnvSpec:
         InputError: nobody has registered it, and the nearest are offered; or its module cannot be
             imported.
     """
-    module, colon, own = str(name).rpartition(":")
+    module, colon, id_alone = str(name).rpartition(":")
     if colon:
         try:
             load_module(module, Path())
         except InputError as error:
             raise InputError(f"the id is {name!r}, but {error}.") from error
-    if own in gymnasium.registry:
-        return gymnasium.registry[own]
-    known = []
+    if id_alone in gymnasium.registry:
+        return gymnasium.registry[id_alone]
+    candidates = []
     for other, spec in gymnasium.registry.items():
         # Gymnasium's own are no navigation environments; of some the entry point is a function.
         entry: object = spec.entry_point
         if not str(getattr(entry, "__module__", entry)).startswith("gymnasium."):
-            known.append(other)
-    raise InputError(f"the id is {name!r}; {nearest(own, known)}.")
+            candidates.append(other)
+    raise InputError(f"the id is {name!r}; {nearest(id_alone, candidates)}.")
 
 
 def without_own_module(name: str) -> str:
@@ -176,10 +176,11 @@ def with_task(arguments: Mapping[str, Any]) -> dict[str, Any]:
         return dict(arguments)
     if not isinstance(task, str):
         raise InputError(f"task is {task!r}; give the name of a task.")
-    own = dict(TASKS.get(task).arguments)
+    fixed = dict(TASKS.get(task).arguments)
     replaced: tuple[str, ...] = ()
     if arguments.get("map") is not None:
         replaced = ("suite", "map", "buildings", "first_building")
     elif arguments.get("suite") is not None:
         replaced = ("suite", "map")
-    return {name: value for name, value in own.items() if name not in replaced} | dict(arguments)
+    remaining = {name: value for name, value in fixed.items() if name not in replaced}
+    return remaining | dict(arguments)

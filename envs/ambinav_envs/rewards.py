@@ -36,7 +36,7 @@ class RewardTerm:
     function: Callable[[Stepped], NDArray[np.generic]] | None = None
 
 
-_OWN = {
+_BUILT_IN = {
     "progress": (
         "m",
         "metres by which the path from the true position to the goal became shorter, at the "
@@ -72,13 +72,13 @@ _OWN = {
 }
 
 
-def _own(name: str) -> RewardTerm:
-    unit, meaning = _OWN[name]
+def _built_in(name: str) -> RewardTerm:
+    unit, meaning = _BUILT_IN[name]
     return RewardTerm(name=name, unit=unit, meaning=meaning)
 
 
 REWARD_TERMS: Final = Registry(
-    "reward term", RewardTerm, "ambinav.rewards", {name: partial(_own, name) for name in TERMS}
+    "reward term", RewardTerm, "ambinav.rewards", {name: partial(_built_in, name) for name in TERMS}
 )
 """The terms of the reward: ours, which `simulation.step.judge` computes, and those of plug-ins."""
 
@@ -122,9 +122,9 @@ def weights_of(reward: str | Mapping[str, float]) -> dict[str, float]:
         reward = PRESETS[reward]
     if not isinstance(reward, Mapping):
         raise InputError(f"reward is {reward!r}; give a preset's name or weights by term.")
-    known = REWARD_TERMS.names()
+    terms = REWARD_TERMS.names()
     for term in reward:
-        if term not in known:
-            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), known)}.")
-    given = {term: as_number(weight, f"reward: {term}") for term, weight in reward.items()}
-    return {**dict.fromkeys(TERMS, 0.0), **given}
+        if term not in terms:
+            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), terms)}.")
+    weights = {term: as_number(weight, f"reward: {term}") for term, weight in reward.items()}
+    return {**dict.fromkeys(TERMS, 0.0), **weights}

@@ -105,23 +105,19 @@ class NavigationVecEnv(VecEnv):
         """Begin an episode in every environment, with the seeds and options that were set last."""
         seeds, options = list(self._seeds), list(self._options)
         # Environments with the same options begin together.
-        groups: list[tuple[dict[str, Any], list[int]]] = []
-        for i, own in enumerate(options):
-            same = [rows for other, rows in groups if other is own or repr(other) == repr(own)]
-            if same:
-                same[0].append(i)
-            else:
-                groups.append((own, [i]))
+        groups: dict[str, tuple[dict[str, Any], list[int]]] = {}
+        for i, env_options in enumerate(options):
+            groups.setdefault(repr(env_options), (env_options, []))[1].append(i)
         if len(groups) > 1 and not self._begun and isinstance(self.envs, SyncVectorEnv):
             # It has no observation of those that a mask leaves out before they have begun.
             self.envs.reset(seed=seeds)
         self._begun = True
-        for own, rows in groups:
+        for env_options, rows in groups.values():
             mask = np.zeros(self.num_envs, dtype=np.bool_)
             mask[rows] = True
             chosen: Any = [seed if mask[i] else None for i, seed in enumerate(seeds)]
             extra = {} if mask.all() else {"reset_mask": mask}
-            seen, info = self.envs.reset(seed=chosen, options={**own, **extra})
+            seen, info = self.envs.reset(seed=chosen, options={**env_options, **extra})
             for i, entry in zip(rows, infos_of(info, rows), strict=True):
                 self.reset_infos[i] = entry
         self._reset_seeds()
@@ -250,8 +246,8 @@ def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
             parts = value[chosen].tolist()
         else:
             parts = value[chosen]
-        given = info.get(f"_{key}")
-        there = [True] * len(infos) if given is None else given[chosen].tolist()
+        present = info.get(f"_{key}")
+        there = [True] * len(infos) if present is None else present[chosen].tolist()
         for entry, part, has in zip(infos, parts, there, strict=True):
             if has:
                 entry[key] = part

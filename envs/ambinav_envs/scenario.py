@@ -46,12 +46,12 @@ def scenario(
         InputError: something of it is unknown or of no use.
     """
     if options.get("task") is not None:
-        own = {
+        settings = {
             "suite": suite, "map": map, "buildings": buildings,
             "first_building": first_building, "max_episode_steps": max_episode_steps,
         }  # fmt: skip
-        given = {name: value for name, value in own.items() if value is not None}
-        options = with_task({**options, **given})
+        given_settings = {name: value for name, value in settings.items() if value is not None}
+        options = with_task({**options, **given_settings})
         suite, map = options.pop("suite", None), options.pop("map", None)
         buildings = options.pop("buildings", None)
         first_building = options.pop("first_building", None)
@@ -90,8 +90,8 @@ def _buildings_of(
         )
     if map is not None:
         if isinstance(map, Mapping):
-            given = checked(MapFile, map, "map")
-            return given.load(given.file, parameters.scanner, parameters.robot.radius)
+            map_file = checked(MapFile, map, "map")
+            return map_file.load(map_file.file, parameters.scanner, parameters.robot.radius)
         if not isinstance(map, str | Path | Environment):
             raise InputError(
                 f"map is of the type {type(map).__name__}; give an environment file, a mapping "

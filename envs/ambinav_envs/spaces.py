@@ -90,37 +90,37 @@ def continuous(
             outside of [-1, 1], or there is no such action; of many the first bad one is named.
     """
     try:
-        given = np.asarray(actions)
+        array = np.asarray(actions)
     except (TypeError, ValueError) as error:
         raise InputError(f"action is {_short(actions)}; give numbers.") from error
-    if given.dtype.kind not in "fiub":
+    if array.dtype.kind not in "fiub":
         raise InputError(f"action is {_short(actions)}; give numbers.")
     discrete, columns = parameters.discrete, parameters.columns
     shape = (() if count is None else (count,)) + (() if discrete else (columns,))
-    if given.shape != shape:
+    if array.shape != shape:
         raise InputError(
-            f"action has the shape {given.shape}; give {shape}: "
+            f"action has the shape {array.shape}; give {shape}: "
             + ("the number of an action." if discrete else _columns(parameters))
         )
     if discrete:
-        numbers = given.reshape(-1)
+        numbers = array.reshape(-1)
         table = _discrete_actions(parameters)
         good: Bools = (numbers >= 0) & (numbers < len(table))
-        if given.dtype.kind not in "iu":
+        if array.dtype.kind not in "iu":
             good = np.zeros(numbers.shape, dtype=np.bool_)
         if not good.all():
             _refuse(numbers, good, count, active, f"a whole number from 0 to {len(table) - 1}")
             numbers = np.where(good, numbers, 0)
         return np.asarray(table[numbers.astype(np.int64)], dtype=np.float64)
     # In C order whatever they are: for any other the kernel would be compiled again.
-    chosen = np.array(given, dtype=np.float64, order="C").reshape(-1, columns)
+    chosen = np.array(array, dtype=np.float64, order="C").reshape(-1, columns)
     finite = np.isfinite(chosen)
     if not finite.all():
         _refuse(chosen, np.asarray(finite.all(axis=1)), count, active, "finite numbers, -1 to 1")
     said = np.abs(chosen[:, MOTIONS:]) <= 1.0
     if not said.all():
-        what = "declarations and belief from -1 to 1"
-        _refuse(chosen, np.asarray(said.all(axis=1)), count, active, what)
+        remedy = "declarations and belief from -1 to 1"
+        _refuse(chosen, np.asarray(said.all(axis=1)), count, active, remedy)
     return chosen
 
 
@@ -143,14 +143,14 @@ def _columns(parameters: NavigationParameters) -> str:
 
 
 def _refuse(
-    rows: NDArray[Any], good: Bools, count: int | None, active: Bools | None, what: str
+    rows: NDArray[Any], good: Bools, count: int | None, active: Bools | None, remedy: str
 ) -> None:
     """Raise if one of the selected actions is invalid, and name it."""
     bad = ~good if active is None else ~good & active
     if bad.any():
         i = int(bad.argmax())
         whose = "" if count is None else f" of robot {i}"
-        raise InputError(f"action{whose} is {rows[i].tolist()}; give {what}.")
+        raise InputError(f"action{whose} is {rows[i].tolist()}; give {remedy}.")
 
 
 def _short(value: object) -> str:

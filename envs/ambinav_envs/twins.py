@@ -35,8 +35,8 @@ def belief_ids_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
     """
     made = _named(ids, {"Belief": BELIEF})
     for arguments in made.values():
-        own = arguments.get("reward")
-        base = own if isinstance(own, Mapping) else PRESETS["shortest"]
+        reward = arguments.get("reward")
+        base = reward if isinstance(reward, Mapping) else PRESETS["shortest"]
         arguments["reward"] = {**base, "belief": OF_TIME * base.get("time", 0.0)}
     return made
 

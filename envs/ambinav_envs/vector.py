@@ -251,12 +251,12 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
             return np.ones(self.num_envs, dtype=np.bool_)
         try:
             chosen = np.asarray(mask)
-            what = f"{chosen.dtype} of the shape {chosen.shape}"
+            fault = f"{chosen.dtype} of the shape {chosen.shape}"
         except (TypeError, ValueError):
-            chosen, what = np.empty(0), "of rows of different lengths"
+            chosen, fault = np.empty(0), "of rows of different lengths"
         if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_ or not chosen.any():
             raise InputError(
-                f"reset_mask is {what}; give {self.num_envs} booleans, at least one of them true."
+                f"reset_mask is {fault}; give {self.num_envs} booleans, at least one of them true."
             )
         return chosen
 

@@ -117,8 +117,8 @@ class Flat(_Mapped):
         return spaces.flatten_space(single)
 
     def _map(self, seen: Observation) -> Floats32:
-        kept = [(seen[name], len(part.shape or ())) for name, part in self._single.items()]
-        rows = [part.reshape(*part.shape[: part.ndim - axes], -1) for part, axes in kept]
+        parts = [(seen[name], len(part.shape or ())) for name, part in self._single.items()]
+        rows = [part.reshape(*part.shape[: part.ndim - axes], -1) for part, axes in parts]
         return np.concatenate(rows, axis=-1)
 
 

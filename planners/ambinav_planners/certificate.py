@@ -94,8 +94,8 @@ def certify(
             of its range.
     """
     check_kind(route, (Route, FlightRoute), "route", "give one that a planner or a file gave")
-    wanted = AmbiguityService if isinstance(route, Route) else VolumeService
-    if not isinstance(getattr(robot, "service", None), wanted):
+    service_type = AmbiguityService if isinstance(route, Route) else VolumeService
+    if not isinstance(getattr(robot, "service", None), service_type):
         name = "RoutePlanner" if isinstance(route, Route) else "FlightPlanner"
         raise InputError(f"robot is {robot!r}; give the {name} of the route's robot.")
     if not 0.0 < as_number(gap, "gap") < 1.0:

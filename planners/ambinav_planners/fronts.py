@@ -95,9 +95,9 @@ def pareto(
         tuple(
             ParetoPoint(
                 problem.service.weight,
-                _cheapest_of(routes, own, problem) if chosen.minimises_cost else own,
+                _cheapest_of(routes, planned, problem) if chosen.minimises_cost else planned,
             )
-            for own, problem in zip(routes, problems, strict=True)
+            for planned, problem in zip(routes, problems, strict=True)
         )
     )
 
@@ -128,12 +128,12 @@ def _found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerRe
     return PlannerResult(poses, ((time.perf_counter() - started, cost),))
 
 
-def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
+def _cheapest_of(routes: list[Route], planned: Route, problem: Problem) -> Route:
     """Return the cheapest route at a problem's weight; its own if none is clearly cheaper."""
     costs = [problem.service.route_cost(route.poses, problem.steering) for route in routes]
     best = int(np.argmin(costs))
-    if not costs[best] < own.cost * (1.0 - CLEARLY):
-        return own
+    if not costs[best] < planned.cost * (1.0 - CLEARLY):
+        return planned
     other = routes[best]
     return evaluate_route(
         problem.service,
@@ -141,10 +141,10 @@ def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
         problem.steering,
         planner=other.planner,
         seed=other.seed,
-        seconds=own.seconds,
-        first_seconds=own.first_seconds,
-        iterations=own.iterations,
-        curve=(*own.curve, (own.seconds, costs[best])),
+        seconds=planned.seconds,
+        first_seconds=planned.first_seconds,
+        iterations=planned.iterations,
+        curve=(*planned.curve, (planned.seconds, costs[best])),
         covariances=other.covariances,
     )
 

@@ -27,12 +27,12 @@ class Feature(NamedTuple):
     geometry: Mapping[str, Any]
 
 
-def read_features(path: Path, what: str, *, frame: bool = True) -> Iterator[Feature]:
+def read_features(path: Path, contents: str, *, frame: bool = True) -> Iterator[Feature]:
     """Yield the features of a FeatureCollection.
 
     Args:
         path: The file.
-        what: Names what it should hold.
+        contents: Names what it should hold.
         frame: Whether a member `crs` is looked at, see `check_frame`; else it says nothing.
 
     Raises:
@@ -50,7 +50,7 @@ def read_features(path: Path, what: str, *, frame: bool = True) -> Iterator[Feat
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list):
         raise InputError(
-            f"{path}: features is {shown(features)}; give {what}, a GeoJSON FeatureCollection."
+            f"{path}: features is {shown(features)}; give {contents}, a GeoJSON FeatureCollection."
         )
     if frame:
         check_frame(str(path), document.get("crs"), None, [])

@@ -98,9 +98,9 @@ class PricedGraph:
         if nodes is None:
             return None
         # Points at which an edge was only divided are left out.
-        kept = (nodes < len(self.graph.xy)) | (nodes >= len(self.motions.poses))
-        kept[[1, -2]] = True
-        poses = graph.poses[nodes[kept]]
+        keeps = (nodes < len(self.graph.xy)) | (nodes >= len(self.motions.poses))
+        keeps[[1, -2]] = True
+        poses = graph.poses[nodes[keeps]]
         moved = np.r_[True, np.diff(poses[:, :2], axis=0).any(axis=1)]
         return graph.steering.oriented(poses[moved])
 

@@ -368,8 +368,8 @@ def _share(budget: Budget, improved: bool) -> Budget:
     """Return the planner's part of a budget, so that the improvement fits into the remainder."""
     if not improved or math.isinf(budget.seconds):
         return budget
-    kept = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
-    return replace(budget, seconds=budget.seconds - kept)
+    improving_seconds = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
+    return replace(budget, seconds=budget.seconds - improving_seconds)
 
 
 def _turns_on_the_spot(problem: Problem) -> bool:

@@ -101,8 +101,8 @@ def make_checker(
         forbidden = met if forbidden is None else forbidden | met
     closed = None if forbidden is None else forbidden.tobytes()
     key = footprint.radius, footprint.corners.tobytes(), steering, closed
-    kept = _checkers.setdefault(amap, WeakValueDictionary())
-    checker = kept.get(key)
+    by_key = _checkers.setdefault(amap, WeakValueDictionary())
+    checker = by_key.get(key)
     if checker is None:
         x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
         checker = CollisionChecker(
@@ -113,7 +113,7 @@ def make_checker(
             origin=(x, y),
             spacing=amap.spacing,
         )
-        kept[key] = checker
+        by_key[key] = checker
     return checker
 
 

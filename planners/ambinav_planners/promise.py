@@ -137,7 +137,7 @@ def route_within(
     if chosen == "reference":
         # Most often the shortest route will do, and its search alone is quick.
         shortest = robot.plan(start, goal, planner_name=chosen, weight=0.0, improved=improved)
-        promise = trials.kept(shortest, float(forecaster.lost_probabilities([shortest])[0]))
+        promise = trials.promise_of(shortest, float(forecaster.lost_probabilities([shortest])[0]))
         if promise is not None:
             return promise
     front = pareto(
@@ -153,7 +153,7 @@ def route_within(
     candidates = _distinct(problem, routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
     for route, share in candidates:
-        promise = trials.kept(route, share, surely=route is likeliest)
+        promise = trials.promise_of(route, share, surely=route is likeliest)
         if promise is not None:
             return promise
     best = min(trials.driven, key=lambda promise: promise.share, default=None)
@@ -194,7 +194,7 @@ class _Trials:
         self._most = MOST_FORECAST
         self.driven: list[Promise] = []
 
-    def kept(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
+    def promise_of(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
         """Return the promise of a route with this forecast; None if it is not known to keep it.
 
         A route whose forecast leaves it no chance is driven only where it is asked for `surely`,
@@ -229,14 +229,14 @@ def _searched(
     searched = []
     for part in SEARCHED_SHARES:
         share = part * max_lost
-        kept = [
+        lengths = [
             _metres(problem, route)
             for route, lost in zip(routes, forecasts.tolist(), strict=True)
             if lost <= share
         ]
         path = search_within(
             graph, forecaster, len(graph.poses) - 2, len(graph.poses) - 1, LATTICE_PART * share,
-            longest=min(kept, default=math.inf),
+            longest=min(lengths, default=math.inf),
         )  # fmt: skip
         if path is None:
             continue
@@ -286,17 +286,17 @@ def _none_keeps(max_lost: float, count: int, best: Promise) -> PromiseError:
     share = 100.0 * best.share
     which = f"on the best, {best.route.length:.1f} m long,"
     if best.driven is None:
-        known, how = "keeps", f"{which} {share:.1f} % are forecast to get lost"
+        verb, how = "keeps", f"{which} {share:.1f} % are forecast to get lost"
     else:
         # On some the drives were too few to say.
-        known = "keeps" if best.driven.side == "above" else "is shown to keep"
+        verb = "keeps" if best.driven.side == "above" else "is shown to keep"
         low, high = 100.0 * best.driven.probability.low, 100.0 * best.driven.probability.high
         how = (
             f"{which} {share:.1f} % (95 % interval {low:.1f} to {high:.1f}) of "
             f"{len(best.driven)} driven robots get lost"
         )
     return PromiseError(
-        f"none of {count} routes {known} to {100.0 * max_lost:g} % of robots lost; {how}; allow "
+        f"none of {count} routes {verb} to {100.0 * max_lost:g} % of robots lost; {how}; allow "
         "more, or choose another scanner or odometry.",
         best,
     )

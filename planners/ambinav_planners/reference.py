@@ -41,10 +41,10 @@ def solve_reference(problem: Problem, budget: Budget) -> PlannerResult:
     unlimited = problem.limit is None
     slack, on_path = (SLACK, budget.on_path) if unlimited else (LIMITED_SLACK, None)
     lattice = _lattice(problem)
-    found = corridor(lattice, problem.service, problem.checker, problem.ends, slack, on_path)
-    if found is None:
+    searched = corridor(lattice, problem.service, problem.checker, problem.ends, slack, on_path)
+    if searched is None:
         return PlannerResult(None)
-    graph, least = found
+    graph, least = searched
     result = found_on(graph, problem, started)
     # The paths of little more cost than the one found must lie in the corridor too.
     dearest = (1.0 + SLACK) * result.curve[0][1] if result.curve else math.inf
@@ -67,8 +67,8 @@ def _lattice(problem: Problem) -> LatticeGraph:
     amap, parts = problem.service.map, 1
     if problem.limit is not None:
         cells = max(int(np.count_nonzero(amap.dataset["free"].values)), 1)
-        wanted = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
-        parts = max(1, min(wanted, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
+        parts_for_limit = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
+        parts = max(1, min(parts_for_limit, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
     return lattice_of(problem.service, problem.checker, parts)
 
 
@@ -111,13 +111,13 @@ def _within(
     most = math.inf
     if paths[0] is not None:
         most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
-    kept = within_cost(graph, graph.cost(service.weight), most)
-    part, number = graph.part(kept), np.cumsum(kept) - 1
+    is_within = within_cost(graph, graph.cost(service.weight), most)
+    part, number = graph.part(is_within), np.cumsum(is_within) - 1
     strict = cheapest_within(part, problem, limit)
     if strict is not None:
         paths.append(_finished(part, strict, problem, limit))
     cost, corridors = part.cost(service.weight), Corridors.of(part, width)
-    if kept[nodes].all():
+    if is_within[nodes].all():
         cost = corridors.dearer(cost, number[nodes])
     for _ in range(LIMITED_PATHS - 1):
         other = cheapest_within(part, problem, looser, cost)

@@ -169,18 +169,18 @@ def planner(name: str) -> Planner:
     Raises:
         InputError: there is none, it is refused, or OMPL is missing; the message says why.
     """
-    known = PLANNERS.names()
+    names = PLANNERS.names()
     if not isinstance(name, str):
-        raise InputError(f"planner is {name!r}; give one of {', '.join(sorted(known))}.")
+        raise InputError(f"planner is {name!r}; give one of {', '.join(sorted(names))}.")
     if name in _NEED_OMPL and not has_ompl():
         raise InputError(
             f'planner {name!r} needs OMPL; run: pip install "ambinav[planners]", or give '
             f"{' or '.join(WITHOUT_OMPL)}."
         )
     reason = REFUSED.get(name.lower().replace("-", "").replace("_", ""))
-    if reason is not None and name not in known:
+    if reason is not None and name not in names:
         raise InputError(
-            f"planner {name!r} is refused: {reason}; give one of {', '.join(sorted(known))}."
+            f"planner {name!r} is refused: {reason}; give one of {', '.join(sorted(names))}."
         )
     return PLANNERS.get(name)
 

@@ -151,9 +151,9 @@ class Replanner:
         problem = replace(self._problem, start=start)
         path, cost = self._lattice_path(problem)
         last = self.route
-        kept = None if last is None else self._rest(last, problem)
-        if kept is not None and service.route_cost(kept, checker.steering) <= cost:
-            poses, is_new = kept, False
+        rest_of_last = None if last is None else self._rest(last, problem)
+        if rest_of_last is not None and service.route_cost(rest_of_last, checker.steering) <= cost:
+            poses, is_new = rest_of_last, False
         else:
             poses, is_new = self._new_poses(problem, path, cost), True
         seconds = time.perf_counter() - started
@@ -183,10 +183,10 @@ class Replanner:
         result = reference.solve(problem, Budget(seconds=math.inf))
         if result.poses is None and poses is None:
             raise self._no_path(problem)
-        found = [] if poses is None else [poses]
+        candidates = [] if poses is None else [poses]
         if result.poses is not None:
-            found.append(finish(reference, problem, result, None).poses)
-        return min(found, key=lambda each: service.route_cost(each, problem.steering))
+            candidates.append(finish(reference, problem, result, None).poses)
+        return min(candidates, key=lambda each: service.route_cost(each, problem.steering))
 
     def _expected(self, problem: Problem) -> float:
         """Return the cost of what is left of the last route, obstacles or not; 0 without one."""
@@ -334,13 +334,13 @@ def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[st
     if not is_new:
         return f"Goes on along the last route{reason}: {ahead}."
     x, y, _ = route.start
-    rest = last.progress(x, y)
+    progress = last.progress(x, y)
     old = shapely.LineString(last.steering.dense(last.poses, SAME)[0][:, :2])
     points = route.steering.dense(route.poses, SAME)[0][:, :2]
     off = np.flatnonzero(shapely.distance(old, shapely.points(points)) > SAME)
     if not len(off):
         return f"Stays within {SAME:g} m of the last route{reason}: {ahead}."
-    (x, y), more = points[off[0]], route.length - rest.remaining
+    (x, y), more = points[off[0]], route.length - progress.remaining
     return (
         f"Leaves the last route at ({x:.1f}, {y:.1f}){reason}: {ahead}, "
         f"{abs(more):.1f} m {'longer' if more >= 0.0 else 'shorter'} than what was left of it."

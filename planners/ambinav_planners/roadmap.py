@@ -136,12 +136,12 @@ def solve_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     started = time.perf_counter()
     until = started + budget.seconds
     roadmap = Roadmap.over(problem, budget.seed)
-    wanted = FIRST_MILESTONES if budget.iterations is None else budget.iterations
+    milestones = FIRST_MILESTONES if budget.iterations is None else budget.iterations
     best: Floats | None = None
     curve: list[tuple[float, float]] = []
     while True:
         begun = time.perf_counter()
-        roadmap.grow(wanted, until)
+        roadmap.grow(milestones, until)
         poses = cheapest_on(roadmap.graph(), problem)
         now = time.perf_counter()
         if poses is not None:
@@ -153,9 +153,9 @@ def solve_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
             return PlannerResult(best, tuple(curve), roadmap.milestones)
         each = (now - begun) / roadmap.milestones
         fits = int((until - now) * CAUTION / each)  # neighbours grow with the logarithm as well
-        wanted = min(int(GROWTH * roadmap.milestones), fits, MAX_MILESTONES)
+        milestones = min(int(GROWTH * roadmap.milestones), fits, MAX_MILESTONES)
         # A roadmap that is hardly larger is not worth its time.
-        if wanted < 1.5 * roadmap.milestones:
+        if milestones < 1.5 * roadmap.milestones:
             return PlannerResult(best, tuple(curve), roadmap.milestones)
 
 

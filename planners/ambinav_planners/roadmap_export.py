@@ -67,15 +67,15 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
             f"--milestones: {milestones} of them have no free motion between them; give more."
         )
     labels = graph.components()
-    kept = labels == np.bincount(labels).argmax()
-    if not kept.all():
+    joined = labels == np.bincount(labels).argmax()
+    if not joined.all():
         warnings.warn(
-            f"{int((~kept).sum())} of {len(kept)} milestones are not connected to the others and "
-            "are left out of the graph; with more milestones more of them are.",
+            f"{int((~joined).sum())} of {len(joined)} milestones are not connected to the others "
+            "and are left out of the graph; with more milestones more of them are.",
             InputWarning,
             stacklevel=2,
         )
-    return graph.part(kept)
+    return graph.part(joined)
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:

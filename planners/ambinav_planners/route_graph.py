@@ -151,16 +151,16 @@ def _with_ids(path: Path, features: list[Feature]) -> RouteGraph:
     nodes: list[Properties] = []
     edges: list[tuple[str, Properties]] = []
     for label, properties, geometry in features:
-        known = number if geometry["type"] == "Point" else edge_ids
-        own = _id(label, properties, "id")
-        if own in known:
-            raise InputError(f"{label}: id is {own}, as that of another; give each its own.")
+        used_ids = number if geometry["type"] == "Point" else edge_ids
+        feature_id = _id(label, properties, "id")
+        if feature_id in used_ids:
+            raise InputError(f"{label}: id is {feature_id}, as that of another; give each its own.")
         if geometry["type"] == "Point":
-            number[own] = len(nodes)
+            number[feature_id] = len(nodes)
             nodes.append(properties)
             xy.append(point_of(label, geometry.get("coordinates")))
         else:
-            edge_ids.add(own)
+            edge_ids.add(feature_id)
             if not isinstance(properties.get("metadata") or {}, dict):
                 raise InputError(
                     f"{label}: metadata is {shown(properties['metadata'])}; give an object."

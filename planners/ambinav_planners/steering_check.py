@@ -63,11 +63,11 @@ def check_steering(si: ob.SpaceInformation, steering: Steering) -> None:
             f"steering {steering.space!r} does not suit the state space "
             f"{space.getName()!r}; give one of the space {kind!r}."
         )
-    own = steering_of(si)
-    if not math.isclose(own.radius, steering.radius, rel_tol=TOLERANCE):
+    theirs = steering_of(si)
+    if not math.isclose(theirs.radius, steering.radius, rel_tol=TOLERANCE):
         raise InputError(
             f"steering has a turning radius of {steering.radius:g} m and the state space "
-            f"{space.getName()!r} one of {own.radius:g} m; leave steering out, or give both the "
+            f"{space.getName()!r} one of {theirs.radius:g} m; leave steering out, or give both the "
             "same."
         )
 

@@ -26,7 +26,7 @@ def test_all_buildings_are_of_one_type(building: dict[str, Any]) -> None:
         env.reset(seed=0)
         site = env.simulation.sites[0]
         assert site is not None
-        kinds.add(numba.typeof((site.record, site.held.arrays)))
+        kinds.add(numba.typeof((site.record, site.costs_to_go.arrays)))
     assert len(kinds) == 1
 
 
@@ -41,5 +41,5 @@ def test_arrays_hold_what_their_names_say() -> None:
     for name, array in (("level", layers.level), ("fisher", layers.fisher)):
         assert (array[:, :, 0][free] == amap.dataset[name].values[free]).all()
     assert record.bounds == room().bounds
-    assert site.held.arrays.frame == site.lattice.frame
+    assert site.costs_to_go.arrays.frame == site.lattice.frame
     assert record.noise.near.shape == record.noise.row.shape == (60,)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.plugged import _seen
+from ambinav_envs.plugged import _as_seen
 from ambinav_envs.registration import IDS
 from ambinav_envs.simulation.simulation import Simulation
 from tests.envs.blind import Recording, record, simulation_of
@@ -220,5 +220,5 @@ def test_plugins_see_the_speeds_of_the_wheels() -> None:
     simulation = simulated("slippery", 4)
     record(simulation, 5, seed=0)
     state = simulation.state
-    seen = _seen(state, simulation.seen, simulation.readings, np.arange(4))
+    seen = _as_seen(state, simulation.seen, simulation.readings, np.arange(4))
     assert (seen.speeds == state["speeds"]).all() and (seen.speeds != state["ground"]).all()

@@ -111,7 +111,7 @@ def test_the_expected_share_is_that_of_the_poses_computed() -> None:
     work, again = _Update(MapChange.of(amap, edited)).work, amap.update(edited)
     differ = np.nan_to_num(again.dataset["ambiguity"].values - amap.dataset["ambiguity"].values)
     share = (differ != 0.0).sum() / amap.dataset["free"].values.sum()
-    assert work.asked and share - 0.05 < work.share < share + 0.3
+    assert work.asks_cells and share - 0.05 < work.share < share + 0.3
 
 
 def test_seconds_of_a_build() -> None:

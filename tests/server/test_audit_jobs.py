@@ -14,7 +14,7 @@ from PIL import Image
 
 import ambinav as an
 from ambinav.runtime.errors import InputError
-from ambinav.server.jobs.audit_jobs import OVER, Audit, Audits
+from ambinav.server.jobs.audit_jobs import ENDED, Audit, Audits
 from ambinav.server.jobs.state import State
 from ambinav.server.jobs.uploads import store
 from ambinav.server.jobs.workers import AuditTask, _check_size
@@ -262,7 +262,7 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
             await audits.begin([], AuditTask("", 0.1, 0.5), "me")
         begun = [one for one in found if isinstance(one, Audit)]
         async with asyncio.timeout(10.0):
-            while any(one.state not in OVER for one in begun):
+            while any(one.state not in ENDED for one in begun):
                 await asyncio.sleep(0)
         begun.append(await begin())  # there is a place again
         await asyncio.gather(*(one.job for one in begun if one.job))

@@ -18,7 +18,7 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
-import ambinav.cli.packages
+import ambinav.runtime.packages
 from ambinav.cli import app
 from tests.server.live import wait_until
 
@@ -176,7 +176,7 @@ def test_options_that_cannot_be_are_named(
 def test_without_the_extra_it_says_what_to_install(
     runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ambinav.cli.packages, "find_spec", lambda name: None)
+    monkeypatch.setattr(ambinav.runtime.packages, "find_spec", lambda name: None)
     result = runner.invoke(app, ["serve", "map.zarr"])
     assert result.exit_code == 2
     assert 'pip install "ambinav[serve]"' in result.stderr

@@ -35,13 +35,13 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     async def file_of(_: ServedMap) -> Path:
         return tmp_path
 
-    left, leave = [], EditPool._left
+    left, leave = [], EditPool._can_reuse
 
     async def noted(pool: EditPool, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         left.append(await leave(pool, worker, answer))
         return left[-1]
 
-    monkeypatch.setattr(EditPool, "_left", noted)
+    monkeypatch.setattr(EditPool, "_can_reuse", noted)
 
     async def outcomes() -> list[Any]:
         edits = Edits(maps, Limits(), file_of, lambda: tmp_path, lambda _: None, State(None))

@@ -276,7 +276,7 @@ def test_only_so_many_are_kept_and_nobody_loses_by_another(
     assert live.http.get(f"/v1/maps/{mine}").status_code == 200
     # Of what was forgotten nothing is left.
     assert {one.name for one in live.context._tiles} <= {"environment", mine}
-    assert {one.name for one in live.context._kept} <= {
+    assert {one.name for one in live.context._results} <= {
         "environment", *(one.name for one in live.context.maps.edited)
     }  # fmt: skip
     assert [one.name for one in live.context.folder.glob("edit-*")] == []

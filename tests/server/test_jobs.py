@@ -201,7 +201,7 @@ class _Sleepers(PlanPool):
 
 @pytest.mark.slow
 def test_a_plan_that_ends_soon_keeps_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan_jobs, "SOON", 0.5)
+    monkeypatch.setattr(plan_jobs, "GRACE_SECONDS", 0.5)
 
     async def left(seconds: float) -> bool:
         pool = _Sleepers(1, 1, 60.0)
@@ -234,7 +234,7 @@ def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
 
 def test_an_accepted_plan_waits_for_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """What others are waiting for ends it no more than it ends a plan that nobody waits for."""
-    monkeypatch.setattr(plan_archive, "PATIENCE", 0.001)
+    monkeypatch.setattr(plan_archive, "RETRY_SECONDS", 0.001)
     refusals = [
         Problem(503, "Too many plans are waiting; try again later.", headers=RETRY),
         Problem(503, "Too many plans are waiting; try again later.", headers=RETRY),
@@ -245,7 +245,7 @@ def test_an_accepted_plan_waits_for_a_place(monkeypatch: pytest.MonkeyPatch) -> 
             raise refusals.pop()
         return "planned"
 
-    assert asyncio.run(plan_archive._patiently(plan)) == "planned"
+    assert asyncio.run(plan_archive._retry_while_full(plan)) == "planned"
     refusals.append(Problem(503, "The process ended."))
     with pytest.raises(Problem, match="ended"):
-        asyncio.run(plan_archive._patiently(plan))
+        asyncio.run(plan_archive._retry_while_full(plan))

@@ -244,7 +244,7 @@ def test_what_is_worked_out_once_is_waited_for_by_all(corridor: an.AmbiguityMap)
         release.set()
         failed = await asyncio.gather(*first[1:], return_exceptions=True)
         again = await context.once(served, "seven", work)
-        assert served not in context._kept  # which is of no map that is served
+        assert served not in context._results  # which is of no map that is served
         return [*failed, again]
 
     *failed, found = asyncio.run(many())

@@ -316,7 +316,7 @@ def test_a_job_that_meets_a_full_disk_fails_and_its_end_waits_for_room(
             full()
         end_job(state, *values)
 
-    monkeypatch.setattr("ambinav.server.jobs.state.AGAIN", 0.05)
+    monkeypatch.setattr("ambinav.server.jobs.state.DISK_RETRY_SECONDS", 0.05)
     monkeypatch.setattr(State, "count_start", full)
     monkeypatch.setattr(State, "end_job", ended)
     with running(create_app([], state=tmp_path)) as live:

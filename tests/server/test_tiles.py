@@ -300,7 +300,7 @@ def test_pyramids_may_be_read_while_another_is_made(corridor: an.AmbiguityMap) -
             pyramids.get("level")  # as another thread may do in the middle of the sum
             return 0
 
-    for key, one in list(pyramids._kept.items()):
-        pyramids._kept[key] = Read(one.base, one.mean, one.worst)
+    for key, one in list(pyramids._cache.items()):
+        pyramids._cache[key] = Read(one.base, one.mean, one.worst)
     pyramids.get("minor")
     assert pyramids.has("minor", None)

@@ -90,11 +90,11 @@ def load_dxf(
         drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
     if not drawn:
         blocks = sum(not block.name.startswith("*") for block in document.blocks)
-        what = f"its {blocks} blocks are inserted nowhere with" if blocks else "it holds"
+        lead = f"its {blocks} blocks are inserted nowhere with" if blocks else "it holds"
         remedy = "draw the plan there, or insert the block"
         if skipped:
-            what, remedy = f"beside {_counted(skipped)} it holds", "draw the plan there, or show it"
-        raise InputError(f"{path}: {what} no lines in the model space; {remedy}.")
+            lead, remedy = f"beside {_counted(skipped)} it holds", "draw the plan there, or show it"
+        raise InputError(f"{path}: {lead} no lines in the model space; {remedy}.")
     absent = {kind: count for kind, count in skipped.items() if kind.startswith(ABSENT)}
     if absent:
         warnings.warn(

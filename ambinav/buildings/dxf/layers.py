@@ -48,18 +48,18 @@ def roles_of(
         InputError: a role or a layer that is given is none, or no layer holds walls.
     """
     names = sorted(set(drawn))
-    known = {name.casefold(): name for name in names}
+    by_casefold = {name.casefold(): name for name in names}
     roles = {name: role_by_name(name) or "" for name in names}
     if len(names) == 1 and not roles[names[0]]:
         roles[names[0]] = "walls"
     for name, role in (layers or {}).items():
         if role not in ROLES:
             raise InputError(f"{where}: layers: {name} is {role!r}; it must be {', '.join(ROLES)}.")
-        if name.casefold() not in known:
+        if name.casefold() not in by_casefold:
             raise InputError(
                 f"{where}: layers: nothing is drawn on a layer {name!r}; it has {', '.join(names)}."
             )
-        roles[known[name.casefold()]] = role
+        roles[by_casefold[name.casefold()]] = role
     if not {"walls", "columns"} & set(roles.values()):
         raise InputError(
             f"{where}: none of its layers ({', '.join(names)}) holds walls by its name; say which "

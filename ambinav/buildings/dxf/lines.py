@@ -145,10 +145,10 @@ def _expanded(
     if depth > DEEPEST:
         raise InputError(f"{where}: a block contains itself; purge or audit the drawing.")
     for entity in entities:
-        own = entity.dxf.get("layer", "0")
-        own = layer if layer is not None and own == "0" else own
+        layer_name = entity.dxf.get("layer", "0")
+        layer_name = layer if layer is not None and layer_name == "0" else layer_name
         if entity.dxftype() == "INSERT":
-            if own.casefold() in frozen or entity.dxf.get("invisible", 0):
+            if layer_name.casefold() in frozen or entity.dxf.get("invisible", 0):
                 skipped["INSERT on hidden layers"] += 1
                 continue
             block = entity.block()
@@ -157,13 +157,13 @@ def _expanded(
                 skipped[f"{ABSENT} {entity.dxf.name}{named}"] += 1
                 continue
             # The tags of rooms are such.
-            yield from ((own, attribute) for attribute in entity.attribs)
+            yield from ((layer_name, attribute) for attribute in entity.attribs)
             for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
                 yield from _expanded(
-                    where, insert.virtual_entities(), own, depth + 1, frozen, skipped
+                    where, insert.virtual_entities(), layer_name, depth + 1, frozen, skipped
                 )
         else:
-            yield own, entity
+            yield layer_name, entity
 
 
 def _written(layer: str, entity: Any) -> Written:

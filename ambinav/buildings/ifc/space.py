@@ -117,9 +117,9 @@ def _bodies(
         for element in elements_of(plan.model, plan.storey, bodies.high - floor, furniture)
         if part_role(element) not in left_out
     ]
-    wanted = {element.id() for element in elements}
-    made = [mesh for mesh in plan.meshes if mesh.element.id() in wanted]
-    others = wanted.difference(mesh.element.id() for mesh in made)
+    ids = {element.id() for element in elements}
+    made = [mesh for mesh in plan.meshes if mesh.element.id() in ids]
+    others = ids.difference(mesh.element.id() for mesh in made)
     more = meshes(plan.model, [element for element in elements if element.id() in others])
     for element, vertices, faces, glass in chain(made, more):
         if not len(faces):
@@ -171,8 +171,8 @@ def _outlines(area: BaseGeometry) -> Iterator[shapely.Polygon]:
 
 def _prisms(plan: StoreyPlan, bodies: _Bodies) -> Prisms:
     """Make prisms of the bodies, within the known bounds of the building."""
-    known = shapely.buffer(plan.section.region, _BEYOND, join_style="mitre")
-    outlines = list(_outlines(polygons_of(known)))
+    section = shapely.buffer(plan.section.region, _BEYOND, join_style="mitre")
+    outlines = list(_outlines(polygons_of(section)))
     segments = plan.environment.segments
     frontiers = shapely.linestrings(segments.xy[~segments.walls].reshape(-1, 2, 2))
     rings = [ring for outline in outlines for ring in (outline.exterior, *outline.interiors)]

@@ -233,8 +233,8 @@ class _VoxelCounter:
             InputError: there is none.
         """
         if self.first is None:
-            what = f"none of its {self.seen} points is finite" if self.seen else "it has no points"
-            raise InputError(f"{self.path}: {what}; export it again.")
+            fault = f"none of its {self.seen} points is finite" if self.seen else "it has no points"
+            raise InputError(f"{self.path}: {fault}; export it again.")
         code = self.code[self.count >= points]
         if not len(code):
             raise InputError(
@@ -244,11 +244,11 @@ class _VoxelCounter:
         upper_digits, z = np.divmod(code, _SPAN)
         return np.stack([*np.divmod(upper_digits, _SPAN), z], axis=1) + self.first
 
-    def summary(self, points: int, kept: int, voxel: float) -> str:
+    def summary(self, points: int, voxels: int, voxel: float) -> str:
         """Summarize in one sentence how the points became voxels."""
-        text = f"{self.path}: {self.seen - self.odd} points in {kept} voxels of {voxel:g} m"
-        if kept < len(self.code):
-            text += f"; {len(self.code) - kept} voxels with fewer than {points} points left out"
+        text = f"{self.path}: {self.seen - self.odd} points in {voxels} voxels of {voxel:g} m"
+        if voxels < len(self.code):
+            text += f"; {len(self.code) - voxels} voxels with fewer than {points} points left out"
         if self.odd:
             text += f"; {self.odd} points that are not finite left out"
         return f"{text}."

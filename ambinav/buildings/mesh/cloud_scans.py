@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from ambinav.buildings.mesh.cloud_tables import AT_ONCE, cut_off
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 
 Points = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Point
         InputError: laspy is missing, the file cannot be read or is cut off, or its coordinates are
             in degrees, or in feet and no unit is given.
     """
-    _need(path, "laspy", "lazrs")
+    need(f"{path}: reading it", ("laspy", "lazrs"), "clouds")
     import laspy
 
     read = 0
@@ -103,7 +103,7 @@ def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:
     Raises:
         InputError: pye57 is missing, or a scan has no coordinates.
     """
-    _need(path, "pye57")
+    need(f"{path}: reading it", ("pye57",), "clouds")
     import pye57
 
     with pye57.E57(str(path)) as file:
@@ -137,12 +137,3 @@ def _cartesian(values: Points) -> Points:
     return np.stack(
         [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)], axis=1
     )
-
-
-def _need(path: Path, *packages: str) -> None:
-    """Raise `InputError` with the package to install if a cloud's reader is missing."""
-    for package in packages:
-        if find_spec(package) is None:
-            raise InputError(
-                f'{path}: reading it needs {package}; run: pip install "ambinav[clouds]".'
-            )

@@ -205,9 +205,9 @@ def _rows(
         )
         return
     for start in range(0, count, AT_ONCE):
-        wanted = min(AT_ONCE, count - start)
-        rows = np.fromfile(file, dtype, wanted)
-        if len(rows) < wanted:
+        row_count = min(AT_ONCE, count - start)
+        rows = np.fromfile(file, dtype, row_count)
+        if len(rows) < row_count:
             raise cut_off(path, start + len(rows), count)
         yield np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
@@ -239,8 +239,8 @@ def _lines(
 ) -> Iterator[Points]:
     """Yield points of lines of numbers with this separator; None: spaces."""
 
-    def parsed(some: list[bytes]) -> Points:
-        texts = (line.decode("latin-1") for line in some)
+    def parsed(lines: list[bytes]) -> Points:
+        texts = (line.decode("latin-1") for line in lines)
         return np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
 
     seen = 0

@@ -54,12 +54,12 @@ def turned_up(values: NDArray[Number], up: str) -> NDArray[Number]:
     return np.column_stack([x, ~z if values.dtype.kind == "i" else -z, y])
 
 
-def check_size(path: Path, what: str, size: Floats) -> None:
+def check_size(path: Path, kind: str, size: Floats) -> None:
     """Raise `InputError` for a size that is not plausible for a building in metres.
 
     Args:
         path: The file.
-        what: What is in it: "mesh", "point cloud".
+        kind: What is in it: "mesh", "point cloud".
         size: Along x, y and z, which is up, as metres.
 
     Raises:
@@ -68,9 +68,9 @@ def check_size(path: Path, what: str, size: Floats) -> None:
     text = " x ".join(f"{length:.4g}" for length in size)
     ask = f"say with --unit whether its numbers are {', '.join(UNITS)}."
     if max(size[:2]) < SMALLEST:
-        raise InputError(f"{path}: the {what} is {text} m in all, and no robot drives in it; {ask}")
+        raise InputError(f"{path}: the {kind} is {text} m in all, and no robot drives in it; {ask}")
     if max(size[:2]) > LARGEST or size[2] > HIGHEST:
-        raise InputError(f"{path}: the {what} is {text} m in all, more than a building has; {ask}")
+        raise InputError(f"{path}: the {kind} is {text} m in all, more than a building has; {ask}")
 
 
 def check_storey(path: Path, mesh: Mesh) -> list[str]:

@@ -69,11 +69,11 @@ def _obj(path: Path) -> tuple[list[Sequence[float]], list[list[int]]]:
     content = path.read_bytes()
     points: list[Sequence[float]] = []
     faces: list[list[int]] = []
-    found = _FROM_END.search(content)
-    if found:
-        number = content.count(b"\n", 0, found.start()) + 1
+    match = _FROM_END.search(content)
+    if match:
+        number = content.count(b"\n", 0, match.start()) + 1
         raise InputError(
-            f"{path}: line {number} has the vertex {found[1].decode()}, counted from the end or "
+            f"{path}: line {number} has the vertex {match[1].decode()}, counted from the end or "
             "from 0; export it with indices above 0."
         )
     if not _POLYGON.search(content):

@@ -21,6 +21,7 @@ from ambinav.buildings.plan_units import metres_in
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.runtime.array_types import Floats, Ints
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 
 SUFFIXES: Final = (".glb", ".obj", ".ply", ".stl")
 """The suffixes of files that can be read."""
@@ -90,12 +91,9 @@ def read_mesh(
 
 def _load(path: Path) -> tuple[Floats, Ints]:
     """Return vertices and faces as the file stores them."""
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError(
-            f'{path}: reading meshes needs trimesh; install it with `pip install "ambinav[mesh]"`.'
-        ) from None
+    need(f"{path}: reading it", ("trimesh",), "mesh")
+    import trimesh
+
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")
     try:

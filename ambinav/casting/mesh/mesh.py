@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from ambinav.casting.space import Scans, SpaceRays, unit_rays
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import need
 from ambinav.runtime.provenance import digest_of
 
 # Rays whose directions are computed at a time.
@@ -96,12 +96,7 @@ class Mesh:
         """Return the mesh itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the processes."""
         self.close()
 
@@ -210,13 +205,7 @@ class Mesh:
 
     @cached_property
     def _caster(self) -> Any:
-        try:
-            import embreex  # noqa: F401
-        except ImportError:
-            raise InputError(
-                f"{self.source or self.name}: rays against meshes need embreex; install it with "
-                '`pip install "ambinav[mesh]"`.'
-            ) from None
+        need(f"{self.source or self.name}: casting rays", ("embreex",), "mesh")
         from ambinav.casting.mesh.processes import EmbreeCaster
 
         vertices = (self.vertices - self.middle).astype(np.float32)

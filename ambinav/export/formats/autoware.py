@@ -160,10 +160,10 @@ def _check_radius(amap: AmbiguityMap) -> None:
     """
     radius = amap.parameters.get("radius")
     if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
-        given = "?" if radius is None else f"{radius:g}"
+        radius_text = "?" if radius is None else f"{radius:g}"
         raise InputError(
-            f"{amap.source}: radius is {given} m, and on open floor 3 sigma end at 1.5 times that, "
-            f"too near to Autoware's threshold of {LONG[1]:g} m; make the map with "
+            f"{amap.source}: radius is {radius_text} m, and on open floor 3 sigma end at 1.5 times "
+            f"that, too near to Autoware's threshold of {LONG[1]:g} m; make the map with "
             f"`ambinav map ... --ambiguity-radius {LEAST_RADIUS:g}` or more."
         )
 

@@ -53,13 +53,13 @@ def definition(name: str) -> str:
     Args:
         name: "nav_msgs/Path", without "msg".
     """
-    known = [name]
-    for each in known:
+    types = [name]
+    for each in types:
         for line in _BASE[each].splitlines():
             inner = line.split()[0].split("[")[0]
-            if inner in _BASE and inner not in known:
-                known.append(inner)
-    parts = [_BASE[name], *(f"{LINE}\nMSG: {each}\n{_BASE[each]}" for each in known[1:])]
+            if inner in _BASE and inner not in types:
+                types.append(inner)
+    parts = [_BASE[name], *(f"{LINE}\nMSG: {each}\n{_BASE[each]}" for each in types[1:])]
     return "\n".join(parts) + "\n"
 
 

@@ -63,10 +63,10 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
         for theta in headings:
             poses = np.column_stack([x[part], y[part], np.full(len(best), theta)])
             expected = expected_covariance(amap, poses)
-            spread, known = (
+            spread, worst = (
                 covariance[:, 0, 0] + covariance[:, 1, 1] for covariance in (expected, best)
             )
-            worse = np.isnan(known) | (spread > known)
+            worse = np.isnan(worst) | (spread > worst)
             best[worse] = expected[worse]
         bands[:, rows[part], columns[part]] = best[:, upper[0], upper[1]].T
     return bands

@@ -6,7 +6,6 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 
 from ambinav.export.formats.inputs import drive_on, only_route
@@ -15,6 +14,7 @@ from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing, writable_parent
+from ambinav.runtime.packages import need
 
 
 def export_map(
@@ -77,11 +77,7 @@ def prepare(
         InputError: see `export_map`.
     """
     exporter = EXPORTERS.get(kind)
-    missing = [name for name in exporter.needs if find_spec(name) is None]
-    if missing:
-        raise InputError(
-            f'{kind} needs {missing[0]}; run: pip install "ambinav[{exporter.extra}]".'
-        )
+    need(kind, exporter.needs, exporter.extra)
     uses = {"route": {"routes"}, "drive": {"drives"}}.get(exporter.subject)
     if uses is not None:
         exporter = replace(exporter, uses=frozenset(uses))

@@ -72,8 +72,8 @@ def ways(polygon: shapely.Polygon, cell: float) -> tuple[list[shapely.Polygon], 
     kept_area = abs(smooth.area - polygon.area) <= 0.1 * polygon.area
     parts = without_holes(smooth if kept_area else polygon)
     least = (cell - 2.0 * GRID) ** 2  # a cell whose corners are rounded
-    kept = [part for part in parts if part.area >= least]
-    return kept, sum(part.area for part in parts if part.area < least)
+    large = [part for part in parts if part.area >= least]
+    return large, sum(part.area for part in parts if part.area < least)
 
 
 def _polygons(geometry: BaseGeometry) -> list[shapely.Polygon]:

@@ -67,14 +67,14 @@ def _grids(export: MapExport, start: float, send: Send) -> None:
     values = np.full(grey.shape, -1, dtype=np.int8)
     values[grey == FREE], values[grey == OCCUPIED] = 0, 100
     _grid(send, "/map", start, values, raster)
-    own = Raster.of_map(amap)
+    map_raster = Raster.of_map(amap)
     layer = amap.cost_layer
     for topic, share in (
         ("/ambiguity", 100.0 * export.counted(layer)),
         ("/zones", ZONE_STEP * export.counted("zone")),
     ):
         drawn = np.where(np.isnan(share), -1.0, np.clip(share, 0.0, 100.0))
-        _grid(send, topic, start, np.rint(drawn).astype(np.int8), own)
+        _grid(send, topic, start, np.rint(drawn).astype(np.int8), map_raster)
 
 
 def _grid(send: Send, topic: str, seconds: float, values: NDArray[np.int8], raster: Raster) -> None:
@@ -147,12 +147,12 @@ def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
     Raises:
         InputError: two files would have one.
     """
-    own = [_ros_name(path) for path in paths]
+    ros_names = [_ros_name(path) for path in paths]
     names = [
         f"{head}/{_ros_word(_folder(path).name)}/{name}"
-        if own.count(name) > 1
+        if ros_names.count(name) > 1
         else f"{head}/{name}"
-        for path, name in zip(paths, own, strict=True)
+        for path, name in zip(paths, ros_names, strict=True)
     ]
     for k, name in enumerate(names):
         if name in names[:k]:

@@ -47,7 +47,7 @@ class FilterInfo:
         base: See the module.
         multiplier: See the module.
         costmap: The costmap that it belongs in.
-        own: Further parameters of the filter.
+        extra: Further parameters of the filter.
     """
 
     name: str
@@ -56,7 +56,7 @@ class FilterInfo:
     base: float
     multiplier: float
     costmap: str
-    own: dict[str, Any]
+    extra: dict[str, Any]
 
 
 def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
     """
     server, publisher = f"{info.name}_filter_mask_server", f"{info.name}_costmap_filter_info_server"
     topic, info_topic = f"/{info.name}_filter_mask", f"/{info.name}_costmap_filter_info"
-    plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": info_topic, **info.own}
+    plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": info_topic, **info.extra}
     return {
         server: {"ros__parameters": {"topic_name": topic, "yaml_filename": mask}},
         publisher: {
@@ -174,7 +174,7 @@ def write_speed(export: MapExport, path: Path) -> tuple[Path, ...]:
         base=fastest,
         multiplier=-fastest / 100.0,
         costmap="local_costmap",
-        own={"speed_limit_topic": "/speed_limit"},
+        extra={"speed_limit_topic": "/speed_limit"},
     )
     return _save(export, path, mask, info)
 
@@ -188,7 +188,7 @@ def write_binary(export: MapExport, path: Path) -> tuple[Path, ...]:
         base=0.0,
         multiplier=1.0,
         costmap="local_costmap",
-        own={
+        extra={
             "default_state": False,
             "binary_state_topic": "/ambiguous_floor",
             "flip_threshold": 50.0,
@@ -205,7 +205,7 @@ def _keepout(name: str) -> FilterInfo:
         base=0.0,
         multiplier=1.0,
         costmap="global_costmap",
-        own={},
+        extra={},
     )
 
 

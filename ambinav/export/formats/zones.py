@@ -92,8 +92,8 @@ def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
 
 def least_area(export: MapExport) -> float:
     """Return the area of the smallest pieces that are written, square metres."""
-    given = export.options.least_area
-    return LEAST_AREA if given is None else given
+    least = export.options.least_area
+    return LEAST_AREA if least is None else least
 
 
 def area_left_out(export: MapExport, written: list[tuple[str, Piece]]) -> float:
@@ -129,13 +129,13 @@ def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
 
 
 def collection(
-    export: MapExport, features: list[dict[str, Any]], what: str, **members: float
+    export: MapExport, features: list[dict[str, Any]], name: str, **members: float
 ) -> str:
     """Return a GeoJSON FeatureCollection that states where its coordinates lie."""
     attrs = export.amap.dataset.attrs
     document = {
         "type": "FeatureCollection",
-        "name": what,
+        "name": name,
         **MAP_FRAME,
         "environment": str(attrs["environment"]),
         "environment_sha256": str(attrs.get("environment_sha256", "")),

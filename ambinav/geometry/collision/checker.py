@@ -197,7 +197,7 @@ class CollisionChecker:
         nearest = int(self._walls.nearest(point))
         gap = float(self._walls.geometries[nearest].distance(point))
         unknown = self._is_unknown(shapely.shortest_line(point, self._walls.geometries[nearest]))
-        what = "unknown space" if unknown else "a wall"
+        blocker = "unknown space" if unknown else "a wall"
         if not self.geometry.is_free(x, y):
             if self.environment.is_free(x, y):
                 return "among cells that the map calls occupied"
@@ -211,11 +211,11 @@ class CollisionChecker:
             return "in a forbidden zone"
         need = self.footprint.outer
         if self.footprint.is_disc:
-            return f"{_metres(gap, need)} from {what}, the footprint needs {need:g} m"
+            return f"{_metres(gap, need)} from {blocker}, the footprint needs {need:g} m"
         if self.must_turn:
-            away = f"{_metres(gap, need)} from {what}"
+            away = f"{_metres(gap, need)} from {blocker}"
             return f"{away}, the footprint needs {need:.3f} m to turn on the spot"
-        return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
+        return f"{_metres(gap, need)} from {blocker}, which the footprint touches at this heading"
 
     def _is_unknown(self, line: shapely.LineString) -> bool:
         """Return whether a line to the nearest obstacle ends at the frontier to unknown space."""

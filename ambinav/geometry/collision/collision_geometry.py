@@ -107,11 +107,11 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     after = np.empty(len(xy), dtype=np.int64)
     _bridge(xy, first, depth, after)
     _undo_crossed_bridges(xy, first, ring, after)
-    kept = np.zeros(len(xy), dtype=np.bool_)
-    kept[after[after >= 0]] = True
-    few = np.bincount(ring[kept], minlength=len(rings)) < 3
-    kept |= few[ring]
-    made = shapely.linearrings(xy[kept], indices=ring[kept])
+    keeps = np.zeros(len(xy), dtype=np.bool_)
+    keeps[after[after >= 0]] = True
+    few = np.bincount(ring[keeps], minlength=len(rings)) < 3
+    keeps |= few[ring]
+    made = shapely.linearrings(xy[keeps], indices=ring[keeps])
     holes = np.flatnonzero(~is_shell)
     cut = shapely.multipolygons(
         shapely.polygons(made[is_shell])
@@ -137,8 +137,8 @@ def _undo_crossed_bridges(xy: Floats, first: Indices, ring: Indices, after: Ints
     notch = np.repeat(np.arange(len(start)), span + 1)
     step = np.arange(len(notch)) - np.repeat(np.cumsum(span + 1) - span - 1, span + 1)
     low = first[ring[start]]
-    own = low[notch] + (start[notch] - low[notch] + step) % count[notch]
-    hulls = shapely.convex_hull(shapely.linestrings(xy[own], indices=notch))
+    index = low[notch] + (start[notch] - low[notch] + step) % count[notch]
+    hulls = shapely.convex_hull(shapely.linestrings(xy[index], indices=notch))
     met, corner = shapely.STRtree(shapely.points(xy)).query(hulls, predicate="intersects")
     order = (corner - start[met]) % count[met]
     foreign = (ring[corner] != ring[start[met]]) | (order > span[met])

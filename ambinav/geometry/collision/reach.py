@@ -133,10 +133,10 @@ def reach_of(
             nowhere (`FitsNowhereError`).
     """
     key = float(radius), None if start is None else tuple(map(float, start))
-    known = _known.setdefault(environment, {})
-    if key not in known:
-        known[key] = _reach_of(environment, radius, start, before)
-    return known[key]
+    by_key = _known.setdefault(environment, {})
+    if key not in by_key:
+        by_key[key] = _reach_of(environment, radius, start, before)
+    return by_key[key]
 
 
 def _reach_of(

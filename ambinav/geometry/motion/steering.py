@@ -142,10 +142,10 @@ class Steering:
         Raises:
             InputError: see `checked_poses`.
         """
-        given = np.asarray(poses, dtype=np.float64)
-        if self.kind == FACING and given.ndim == 2 and given.shape[1] == 2:
-            given = np.column_stack([given, np.zeros(len(given))])
-        route = checked_poses(given, "poses")
+        array = np.asarray(poses, dtype=np.float64)
+        if self.kind == FACING and array.ndim == 2 and array.shape[1] == 2:
+            array = np.column_stack([array, np.zeros(len(array))])
+        route = checked_poses(array, "poses")
         if self.kind != FACING or len(route) < 2:
             return route
         step = np.diff(route[:, :2], axis=0)

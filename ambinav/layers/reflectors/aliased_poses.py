@@ -62,7 +62,7 @@ def find_motions(targets: Targets, together: Bools, tolerance: float, needed: in
         needed: How many, at least 2.
     """
     count = len(targets)
-    found: dict[bytes, Floats] = {}
+    by_map: dict[bytes, Floats] = {}
     first, second = np.nonzero(together & ~np.eye(count, dtype=np.bool_))
     apart = np.hypot(*(targets.middle[first] - targets.middle[second]).T)
     onto = np.empty((len(first), count), dtype=np.int32)
@@ -73,11 +73,11 @@ def find_motions(targets: Targets, together: Bools, tolerance: float, needed: in
         kept = _map_pair(
             i, j, first[alike], second[alike], targets.middle, tolerance, needed, of, onto
         )
-        found |= {onto[k].tobytes(): of[k].copy() for k in range(kept)}
-    if not found:
+        by_map |= {onto[k].tobytes(): of[k].copy() for k in range(kept)}
+    if not by_map:
         return Motions(np.empty((0, 4)), np.empty((0, count), dtype=np.int32))
-    maps = np.stack([np.frombuffer(key, dtype=np.int32) for key in found])
-    return Motions(np.stack(list(found.values())), maps)
+    maps = np.stack([np.frombuffer(key, dtype=np.int32) for key in by_map])
+    return Motions(np.stack(list(by_map.values())), maps)
 
 
 def margins(

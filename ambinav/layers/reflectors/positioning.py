@@ -39,22 +39,22 @@ class Positioning:
 
     @property
     def enough(self) -> Bools:
-        """Where enough reflectors are in view at every heading, shape (P,)."""
+        """True where enough reflectors are in view at every heading, shape (P,)."""
         return self._at_all(self.count >= self.rules.needed)
 
     @property
     def unique(self) -> Bools:
-        """Where they are enough, and no wrong pose explains all of them, shape (P,)."""
+        """True where they are enough, and no wrong pose explains all of them, shape (P,)."""
         return self._at_all(self.margin > 0)
 
     @property
     def precise(self) -> Bools:
-        """Where the position is as precise as needed, shape (P,)."""
+        """True where the position is as precise as needed, shape (P,)."""
         return self._at_all(self.std <= self.rules.max_std)
 
     @property
     def good(self) -> Bools:
-        """Where the robot can navigate by reflectors, shape (P,)."""
+        """True where the robot can navigate by reflectors, shape (P,)."""
         return self.enough & self.unique & self.precise
 
     def _at_all(self, holds: Bools) -> Bools:
@@ -105,11 +105,11 @@ class Site:
         """
         step, fine = max(int(spacing / self.lattice.spacing + 1e-9), 1), self.lattice
         index = np.ascontiguousarray(fine.index[::step, ::step])
-        x, y, kept = fine.x[::step], fine.y[::step], index[index >= 0].astype(np.int64)
-        if not len(kept):
+        x, y, rows = fine.x[::step], fine.y[::step], index[index >= 0].astype(np.int64)
+        if not len(rows):
             return self, np.arange(len(self.possible))
         lattice = Lattice(fine.environment, step * fine.spacing, x, y, index >= 0)
-        return replace(self, lattice=lattice, possible=self.possible[kept]), kept
+        return replace(self, lattice=lattice, possible=self.possible[rows]), rows
 
     @property
     def poses(self) -> Floats:

@@ -102,12 +102,12 @@ def encode(values: Floats, codes: Codes) -> tuple[str, float, float]:
     Returns:
         A data URI, and the values low and high.
     """
-    known = np.isfinite(values)
-    low = float(values[known].min()) if known.any() else 0.0
-    high = float(values[known].max()) if known.any() else 1.0
+    is_finite = np.isfinite(values)
+    low = float(values[is_finite].min()) if is_finite.any() else 0.0
+    high = float(values[is_finite].max()) if is_finite.any() else 1.0
     high = high if high > low else low + 1.0
     scaled = np.full(values.shape, LEVELS + 1, dtype=np.uint16)
-    scaled[known] = np.rint((values[known] - low) / (high - low) * LEVELS).astype(np.uint16)
+    scaled[is_finite] = np.rint((values[is_finite] - low) / (high - low) * LEVELS).astype(np.uint16)
     pixels = np.stack([scaled >> 8, scaled & 255, codes], axis=-1).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "PNG", compress_level=6)

@@ -60,7 +60,7 @@ class Context:
         self.prefix = prefix
         self._tiles: dict[ServedMap, Tiles] = {}
         self._files: dict[ServedMap, Path] = {}
-        self._kept: dict[ServedMap, dict[str, asyncio.Task[Any]]] = {}
+        self._results: dict[ServedMap, dict[str, asyncio.Task[Any]]] = {}
         self._numbers = itertools.count()
         self._lock = threading.Lock()
         self.metrics = Metrics()
@@ -129,9 +129,9 @@ class Context:
             Problem: there is none, or it is not the one of the header `If-Match`.
         """
         served = await self._map_of(id)
-        wanted = request.headers.get("if-match")
-        if wanted is not None and not matches(
-            wanted, f'"{await self.in_thread(digest_of_map, served)}"'
+        if_match = request.headers.get("if-match")
+        if if_match is not None and not matches(
+            if_match, f'"{await self.in_thread(digest_of_map, served)}"'
         ):
             raise Problem(
                 412, f"The map {served.name!r} is not the one of If-Match; fetch it again."
@@ -226,7 +226,7 @@ class Context:
                 self.forget(edited)
         self.maps.remove(served.name)
         self._tiles.pop(served, None)
-        self._kept.pop(served, None)
+        self._results.pop(served, None)
         with self._lock:
             path = self._files.pop(served, None)
         if path is not None:
@@ -238,16 +238,16 @@ class Context:
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
         """Compute a result once for each map, in a thread; concurrent callers share the task."""
-        kept = self._kept.setdefault(served, {})
-        task = kept.get(name)
+        results = self._results.setdefault(served, {})
+        task = results.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
-            task = kept[name] = asyncio.create_task(self.in_thread(work, served))
+            task = results[name] = asyncio.create_task(self.in_thread(work, served))
         try:
             # A caller that is cancelled must not cancel the task for the others.
             result: T = await asyncio.shield(task)
         finally:
             if not self.maps.holds(served):
-                self._kept.pop(served, None)  # it was forgotten meanwhile
+                self._results.pop(served, None)  # it was forgotten meanwhile
         return result
 
     def end(self) -> None:
@@ -266,17 +266,11 @@ class Context:
         if "plan_jobs" in vars(self):
             await self.plan_jobs.close()
             del self.plan_jobs
-        if "plans" in vars(self):
-            self.plans.close()
-            del self.plans
-        if "edits" in vars(self):
-            self.edits.close()
-            del self.edits
-        if "_scratch" in vars(self):
-            self._scratch.close()
-            del self._scratch
+        for name in ("plans", "edits", "_scratch"):
+            if name in vars(self):
+                vars(self).pop(name).close()
         self._files.clear()
-        self._kept.clear()
+        self._results.clear()
         vars(self).pop("_limiter", None)
 
 

@@ -17,10 +17,10 @@ async def check_query(request: Request) -> None:
         return
     app: FastAPI = request.app
     operation = app.openapi()["paths"][request.scope["route"].path][request.method.lower()]
-    known = [each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"]
+    names = [each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"]
     for name in request.query_params:
-        if name not in known:
-            has = f"it has {', '.join(known)}" if known else "it has none; leave it out"
+        if name not in names:
+            has = f"it has {', '.join(names)}" if names else "it has none; leave it out"
             raise Problem(
                 422, f"This address has no query parameter {name[:100]!r}; {has}.", field=name
             )

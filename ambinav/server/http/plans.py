@@ -283,12 +283,12 @@ async def _task(
             raise Problem(
                 422, "A weight is out of range; give weights from 0 to 1e6.", field="weights"
             )
-    for field, name, known in (
+    for field, name, choices in (
         ("odometry", content.odometry, tuple(ODOMETRIES)),
         ("localizer", content.localizer, localizer_classes()),  # never a file
     ):
-        if name not in known:
-            raise Problem(422, f"{field} is {name!r}; {nearest(name, known)}.", field=field)
+        if name not in choices:
+            raise Problem(422, f"{field} is {name!r}; {nearest(name, choices)}.", field=field)
 
     return served, PlanTask(
         map_file="",

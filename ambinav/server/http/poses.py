@@ -307,10 +307,10 @@ async def _read(
         content = model.model_validate_json(body)
     except ValidationError as error:
         raise InvalidBodyError(error) from None
-    given = {name: getattr(content, name) for name in names}
+    column_values = {name: getattr(content, name) for name in names}
     table = {
         name: np.asarray(column, dtype=np.float64)
-        for name, column in given.items()
+        for name, column in column_values.items()
         if column is not None
     }
     return table, content

@@ -98,8 +98,8 @@ async def _moved(request: Request, id: str, session: str, by: int) -> Response:
 
     async def work() -> Edited:
         begun = time.monotonic()
-        found, step = await context.edits.moved(base, session, by)
-        return await edited_answer(context, base, found, step, time.monotonic() - begun)
+        edited, step = await context.edits.moved(base, session, by)
+        return await edited_answer(context, base, edited, step, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 

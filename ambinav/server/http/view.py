@@ -31,8 +31,8 @@ router = APIRouter(prefix="/v1/maps", tags=["maps"])
 async def get_maps(request: Request) -> Response:
     """Return all served maps with their layers."""
     context = context_of(request)
-    found = [await context.in_thread(map_info, served) for served in context.maps]
-    return as_json(MapList(maps=found))
+    infos = [await context.in_thread(map_info, served) for served in context.maps]
+    return as_json(MapList(maps=infos))
 
 
 @router.get("/{id}", summary="A map", response_model=MapDetail, responses=answers(401, 404))
@@ -110,10 +110,10 @@ def pose_values(
     values: dict[str, float | None] = {}
     for layer in amap.layers:
         has_theta = "theta" in amap.dataset.variables[layer].dims
-        known = near is not None and (
+        is_read = near is not None and (
             not has_theta or theta is not None or f"{layer}_mean" in amap.dataset
         )
-        values[layer] = finite(near.sample(layer, x, y, theta)) if known and near else None
+        values[layer] = finite(near.sample(layer, x, y, theta)) if is_read and near else None
     for layer in amap.layers:
         at_heading = values[layer]
         if layer.startswith("zone") and at_heading is not None and at_heading >= len(ZONES):

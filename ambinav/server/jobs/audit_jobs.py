@@ -25,7 +25,7 @@ from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import read_map
 
 AuditState = Literal["waiting", "running", "done", "failed", "cancelled"]
-OVER: Final = ("done", "failed", "cancelled")
+ENDED: Final = ("done", "failed", "cancelled")
 KIND: Final = "audit"
 MAP: Final = "map.npz"
 """Ambiguity map in the folder of an audit."""
@@ -115,7 +115,7 @@ class Audits:
     @property
     def running(self) -> int:
         """Number of audits that run or wait."""
-        return sum(audit.state not in OVER for audit in self._all.values())
+        return sum(audit.state not in ENDED for audit in self._all.values())
 
     async def begin(self, files: Sequence[UploadFile], task: AuditTask, client: str) -> Audit:
         """Store an upload and start its audit.
@@ -134,7 +134,7 @@ class Audits:
         limits = self._limits
         if self.running >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
-        theirs = [a for a in self._all.values() if a.client == client and a.state not in OVER]
+        theirs = [a for a in self._all.values() if a.client == client and a.state not in ENDED]
         if len(theirs) >= limits.client_jobs:
             raise too_many(client, limits.client_jobs, "audits")
         parent = self._folder() if self._state.folder is None else self._state.folder
@@ -149,8 +149,8 @@ class Audits:
                 task, folder=str(folder), map_name=upload.file, title=upload.title,
                 cells=limits.audit_cells,
             )  # fmt: skip
-            kept = {**asdict(task), "folder": folder.name, "client": client}
-            self._state.keep_job(audit.id, KIND, kept)
+            record = {**asdict(task), "folder": folder.name, "client": client}
+            self._state.keep_job(audit.id, KIND, record)
         except BaseException:
             self._drop(audit)
             raise
@@ -161,9 +161,9 @@ class Audits:
         """Serve the maps of finished audits again, and run those again that were cut off."""
         folder = self._state.folder
         assert folder is not None
-        known = {plain["folder"] for _, plain, _, _ in self._state.jobs(KIND)}
+        folders = {plain["folder"] for _, plain, _, _ in self._state.jobs(KIND)}
         for left in folder.glob("audit-*"):  # of uploads that were cut off before they counted
-            if left.name not in known:
+            if left.name not in folders:
                 await asyncio.to_thread(shutil.rmtree, left, ignore_errors=True)
         for id, plain, state, result in self._state.jobs(KIND):
             if id in self._all:
@@ -234,7 +234,7 @@ class Audits:
         self._forget_old()
 
     def _forget_old(self) -> None:
-        over = [audit for audit in self._all.values() if audit.state in OVER]
+        over = [audit for audit in self._all.values() if audit.state in ENDED]
         for audit in over[: -self._limits.kept_audits or None]:
             self._drop(audit)
 
@@ -253,5 +253,5 @@ async def _stop_all(audits: Sequence[Audit], why: str) -> None:
         job.cancel()
     await asyncio.gather(*jobs, return_exceptions=True)
     for audit in audits:
-        if audit.state not in OVER:
+        if audit.state not in ENDED:
             audit.change(state="cancelled", detail=why)

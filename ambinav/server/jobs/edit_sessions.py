@@ -77,7 +77,7 @@ class EditPool(PlanPool):
     what = "edit"
     remedy = "the map is too large to be edited on this server, or the machine too busy"
 
-    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+    async def _can_reuse(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         try:
             worker.line.send(None)
             async with asyncio.timeout(STOP_SECONDS):
@@ -154,15 +154,15 @@ class Edits:
                 if before is not None:
                     _cancel(before)
                 self._latest[key] = task
-                task.add_done_callback(partial(self._over, key))
+                task.add_done_callback(partial(self._drop_finished, key))
             else:
-                task.add_done_callback(_heard)
-            found = await asyncio.shield(task)
+                task.add_done_callback(_consume_error)
+            edited = await asyncio.shield(task)
             text = to_json(collection(obstacles)).decode()
             step = self.state.keep_edit(
-                found.name, base.name, text, None if draft else session, after, editor
+                edited.name, base.name, text, None if draft else session, after, editor
             )
-            return found, step
+            return edited, step
         except StaleStepError as stale:
             raise Problem(409, STALE.format(stale.position), field="after") from None
         except asyncio.CancelledError:
@@ -178,12 +178,12 @@ class Edits:
         Raises:
             Problem: they are not, or the map cannot be computed.
         """
-        known = self.state.obstacles_of(name)
-        if known is None:
+        stored = self.state.obstacles_of(name)
+        if stored is None:
             return self._maps.get(name)
-        base = self._maps.get(known[0])
-        found, _ = await self.find(base, obstacles_of(json.loads(known[1]), "features"), None)
-        return found
+        base = self._maps.get(stored[0])
+        edited, _ = await self.find(base, obstacles_of(json.loads(stored[1]), "features"), None)
+        return edited
 
     async def moved(self, base: ServedMap, session: str, by: int) -> tuple[ServedMap, int]:
         """Undo (-1) or redo (+1) a step of a session, and return its map and its number.
@@ -196,27 +196,27 @@ class Edits:
         names = {number: name for number, name, _, _ in steps} | {0: base.name}
         name = names.get(position + by)
         if name is None:
-            what = "undo" if by < 0 else "redo"
-            raise Problem(409, f"The session {session!r} has no step to {what}.", field="session")
-        found = base if name == base.name else await self.restored(name)
+            action = "undo" if by < 0 else "redo"
+            raise Problem(409, f"The session {session!r} has no step to {action}.", field="session")
+        edited = base if name == base.name else await self.restored(name)
         try:
             self.state.move(session, base.name, position, position + by, name)
         except StaleStepError as stale:
             raise Problem(409, MOVED.format(stale.position), field="session") from None
-        return found, position + by
+        return edited, position + by
 
-    def _over(self, key: tuple[str, str], task: asyncio.Task[ServedMap]) -> None:
+    def _drop_finished(self, key: tuple[str, str], task: asyncio.Task[ServedMap]) -> None:
         if self._latest.get(key) is task:
             del self._latest[key]
-        _heard(task)
+        _consume_error(task)
 
     def of(self, base: ServedMap) -> list[EditedMap]:
         """Return the edited maps of a map."""
-        return [edited for edited in self._kept() if edited.base is base]
+        return [edited for edited in self._edited_maps() if edited.base is base]
 
     async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
         name = name_of(base, obstacles)
-        kept = next((edited for edited in self._kept() if edited.name == name), None)
+        kept = next((edited for edited in self._edited_maps() if edited.name == name), None)
         if kept is not None:
             kept.owner = owner
             self._maps.get(name)  # it was used just now
@@ -246,7 +246,7 @@ class Edits:
         self._make_room(made)
         return made
 
-    def _kept(self) -> list[EditedMap]:
+    def _edited_maps(self) -> list[EditedMap]:
         return [amap for amap in self._maps.edited if isinstance(amap, EditedMap)]
 
     def _make_room(self, last: EditedMap) -> None:
@@ -255,14 +255,14 @@ class Edits:
         The owner of the most maps loses the one unused for longest.
         """
         while True:
-            kept = self._kept()
-            total = sum(edited.bytes for edited in kept)
-            if len(kept) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
+            edited_maps = self._edited_maps()
+            total = sum(edited.bytes for edited in edited_maps)
+            if len(edited_maps) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
                 return
-            others = [edited for edited in kept if edited is not last]
+            others = [edited for edited in edited_maps if edited is not last]
             if not others:
                 return
-            ((most, _),) = Counter(edited.owner for edited in kept).most_common(1)
+            ((most, _),) = Counter(edited.owner for edited in edited_maps).most_common(1)
             self._forget(next((edited for edited in others if edited.owner == most), others[0]))
 
     @property
@@ -275,7 +275,7 @@ class Edits:
         self.pool.close()
 
 
-def _heard(task: asyncio.Task[ServedMap]) -> None:
+def _consume_error(task: asyncio.Task[ServedMap]) -> None:
     if not task.cancelled():
         task.exception()  # whoever has gone away does not ask for it
 

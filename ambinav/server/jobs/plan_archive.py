@@ -19,7 +19,7 @@ from ambinav.server.served import ServedMap, digest_of_map
 T = TypeVar("T")
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
-PATIENCE: Final = 2.0
+RETRY_SECONDS: Final = 2.0
 """Seconds after which an accepted plan asks again for a place among those of waiting clients."""
 MOST_WAITING: Final = 200
 """Plans that wait, of all clients."""
@@ -96,10 +96,10 @@ class PlanJobs:
         Raises:
             Problem: there is none of that id, or no longer.
         """
-        kept = self._state.job(id, KIND)
-        if kept is None:
+        stored = self._state.job(id, KIND)
+        if stored is None:
             raise Problem(404, "There is no such plan, or it is no longer kept.", field="id")
-        task, state, result = kept
+        task, state, result = stored
         done = state == "done" and result is not None
         return PlanJob(
             id=id,
@@ -125,7 +125,7 @@ class PlanJobs:
                 await self._state.job_ended(id, "failed", CUT_OFF)
                 continue
             digest = plain.pop("digest")
-            task = PlanTask(**{key: _frozen(value) for key, value in plain.items()})
+            task = PlanTask(**{key: _as_tuple(value) for key, value in plain.items()})
             self._start(id, digest, task, "")
 
     def _start(self, id: str, digest: str, task: PlanTask, client: str) -> None:
@@ -137,15 +137,15 @@ class PlanJobs:
         try:
             # One at a time, so that clients that wait for their plans find a place.
             async with self._turn:
-                served = await _patiently(lambda: self._map_of(task.map_name))
+                served = await _retry_while_full(lambda: self._map_of(task.map_name))
                 if await asyncio.to_thread(digest_of_map, served) != digest:
                     raise Problem(
                         412, f"The map {task.map_name!r} is another one since the last start."
                     )
                 path = await self._file_of(served)
                 self._state.count_start(id)
-                asked = dataclasses.replace(task, map_file=str(path))
-                routes = await _patiently(lambda: self._pool.run(asked))
+                local_task = dataclasses.replace(task, map_file=str(path))
+                routes = await _retry_while_full(lambda: self._pool.run(local_task))
         except Problem as problem:
             await self._state.job_ended(id, "failed", str(problem.detail))
         except Exception as error:
@@ -161,7 +161,7 @@ class PlanJobs:
         await asyncio.gather(*jobs, return_exceptions=True)
 
 
-async def _patiently(call: Callable[[], Awaitable[T]]) -> T:
+async def _retry_while_full(call: Callable[[], Awaitable[T]]) -> T:
     """Return what a call gives, tried again as long as too many others are waiting."""
     while True:
         try:
@@ -169,8 +169,8 @@ async def _patiently(call: Callable[[], Awaitable[T]]) -> T:
         except Problem as problem:
             if problem.status_code != 503 or problem.headers != RETRY:
                 raise
-        await asyncio.sleep(PATIENCE)
+        await asyncio.sleep(RETRY_SECONDS)
 
 
-def _frozen(value: Any) -> Any:
+def _as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value

@@ -17,7 +17,7 @@ from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 T = TypeVar("T")
 
-SOON: Final = 2.0
+GRACE_SECONDS: Final = 2.0
 """Seconds that a plan whose client has left may go on, before its process is stopped."""
 
 
@@ -27,13 +27,13 @@ class Turns:
     Args:
         running: Jobs that run at the same time.
         waiting: Jobs that may wait for their turn.
-        what: Name of the jobs in messages.
+        noun: Name of the jobs in messages.
     """
 
-    def __init__(self, running: int, waiting: int, what: str) -> None:
+    def __init__(self, running: int, waiting: int, noun: str) -> None:
         self._free = asyncio.Semaphore(running)
         self._places = running + waiting
-        self._what = what
+        self._noun = noun
 
     async def __aenter__(self) -> None:
         """Wait for a turn.
@@ -43,7 +43,7 @@ class Turns:
         """
         if self._places == 0:
             raise Problem(
-                503, f"Too many {self._what} are waiting; try again later.", headers=RETRY
+                503, f"Too many {self._noun} are waiting; try again later.", headers=RETRY
             )
         self._places -= 1
         try:
@@ -81,7 +81,7 @@ class PlanPool:
         self.busy: set[Worker] = set()
 
     async def run(self, task: object) -> Any:
-        """Run a task; if the caller is cancelled, the task is stopped, see `_left`.
+        """Run a task; if the caller is cancelled, the task is stopped, see `_can_reuse`.
 
         Raises:
             Problem: it cannot be done, takes too long, or its process was killed.
@@ -98,7 +98,7 @@ class PlanPool:
                     answer = await asyncio.shield(coming)
                 done = True
             except asyncio.CancelledError:
-                done = await self._left(worker, coming)
+                done = await self._can_reuse(worker, coming)
                 raise
             except TimeoutError:
                 raise Problem(
@@ -122,13 +122,13 @@ class PlanPool:
             raise Problem(422, answer.detail, field=named_field(answer.detail))
         return answer
 
-    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+    async def _can_reuse(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         """Return whether a process can be reused after its task, whose `answer` nobody wants.
 
         A new process has to load all code and the map: a task that ends soon is waited for.
         """
         try:
-            async with asyncio.timeout(SOON):
+            async with asyncio.timeout(GRACE_SECONDS):
                 await asyncio.shield(answer)
         except (EOFError, OSError):  # TimeoutError is one
             return False
@@ -184,11 +184,11 @@ async def started(work: Callable[[Connection], None]) -> Worker:
     try:
         return await asyncio.shield(begun)
     except asyncio.CancelledError:
-        begun.add_done_callback(_unwanted)
+        begun.add_done_callback(_end_worker)
         raise
 
 
-def _unwanted(begun: asyncio.Future[Worker]) -> None:
+def _end_worker(begun: asyncio.Future[Worker]) -> None:
     if begun.exception() is None:
         begun.result().end()
 
@@ -228,17 +228,17 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
         Problem: it was closed, and nobody is there to read of it; or the server ends.
     """
     task = asyncio.ensure_future(work)
-    gone = asyncio.ensure_future(_disconnected(request))
+    disconnection = asyncio.ensure_future(_disconnected(request))
     try:
-        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait({task, disconnection}, return_when=asyncio.FIRST_COMPLETED)
     except asyncio.CancelledError:
         # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
         # process to be gone; `PlanPool` sees to that.
         raise Problem(503, ENDING) from None
     finally:
-        gone.cancel()
+        disconnection.cancel()
         task.cancel()
-    await asyncio.gather(task, gone, return_exceptions=True)
+    await asyncio.gather(task, disconnection, return_exceptions=True)
     if task.cancelled():
         raise Problem(503, "The connection was closed.")
     return task.result()

@@ -32,7 +32,7 @@ def route_forecasts(
             warnings.simplefilter("error", InputWarning)
             forecaster = Forecaster(amap, odometry, localizer, routes=routes)
     except (InputError, InputWarning) as error:
-        return [_without(error)] * len(routes)
+        return [_no_forecast(error)] * len(routes)
     return [_answer(forecaster, route, odometry) for route in routes]
 
 
@@ -40,9 +40,9 @@ def _answer(forecaster: Forecaster, route: Route, odometry: str) -> dict[str, An
     try:
         document = forecast_document(forecaster(route), odometry)
     except InputError as error:
-        return _without(error)
+        return _no_forecast(error)
     return {"forecast": document, "forecast_reason": None}
 
 
-def _without(error: Exception) -> dict[str, Any]:
+def _no_forecast(error: Exception) -> dict[str, Any]:
     return {"forecast": None, "forecast_reason": str(error)}

@@ -34,9 +34,9 @@ class ScratchFolder:
         # where the file system has no locks.
         for _ in range(_ATTEMPTS):
             self.path = place / f"{PREFIX}{secrets.token_hex(6)}"
-            held = try_lock(self.path.with_name(self.path.name + LOCK))
-            if held is not None:
-                stack.enter_context(held)
+            lock = try_lock(self.path.with_name(self.path.name + LOCK))
+            if lock is not None:
+                stack.enter_context(lock)
                 break
         stack.callback(shutil.rmtree, self.path, ignore_errors=True)
         self._remove = weakref.finalize(self, stack.close)  # where nobody calls `close`
@@ -50,9 +50,9 @@ class ScratchFolder:
 def remove_left() -> None:
     """Remove folders of this user's servers that no longer run: their lock is free."""
     for lock in Path(tempfile.gettempdir()).glob(f"{PREFIX}*{LOCK}"):
-        held = try_lock(lock) if _is_ours(lock, stat.S_ISREG) else None
-        if held is not None:
-            with held:
+        locked = try_lock(lock) if _is_ours(lock, stat.S_ISREG) else None
+        if locked is not None:
+            with locked:
                 folder = lock.with_name(lock.name.removesuffix(LOCK))
                 if _is_ours(folder, stat.S_ISDIR):
                     shutil.rmtree(folder, ignore_errors=True)

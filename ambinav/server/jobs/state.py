@@ -30,7 +30,7 @@ MOST_PLANS: Final = 1000
 MOST_STARTS: Final = 5
 """Starts of a job: perhaps it is the job that ends the server."""
 CUT_OFF: Final = f"The server ended {MOST_STARTS} times during this job; start it again."
-AGAIN: Final = 2.0
+DISK_RETRY_SECONDS: Final = 2.0
 """Seconds after which a full disk is tried again."""
 
 _TABLES: Final = """
@@ -69,16 +69,16 @@ class State:
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
         self._lock = threading.Lock()
-        self._held = contextlib.ExitStack()
+        self._locks = contextlib.ExitStack()
         try:
             if folder is not None:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-                held = try_lock(folder / "lock")
-                if held is None:
+                lock = try_lock(folder / "lock")
+                if lock is None:
                     raise InputError(
                         f"--state: {folder} is in use by another server; give another folder."
                     )
-                self._held.enter_context(held)
+                self._locks.enter_context(lock)
             self._data = sqlite3.connect(
                 ":memory:" if folder is None else folder / FILE,
                 check_same_thread=False,
@@ -87,17 +87,17 @@ class State:
             weakref.finalize(self, self._data.close)
             self._open()
         except (OSError, sqlite3.Error) as error:
-            self._held.close()
+            self._locks.close()
             raise InputError(
                 f"--state: {folder} cannot be used ({error}); give a folder that can be written "
                 "to, new or from another start of the server."
             ) from error
 
     def _open(self) -> None:
-        (found,) = self._data.execute("PRAGMA user_version").fetchone()
-        if found not in (0, FORMAT):
+        (version,) = self._data.execute("PRAGMA user_version").fetchone()
+        if version not in (0, FORMAT):
             raise InputError(
-                f"--state: {self.folder} has format {found}, and this version of ambinav writes "
+                f"--state: {self.folder} has format {version}, and this version of ambinav writes "
                 f"{FORMAT}; give another folder."
             )
         self._data.execute("PRAGMA journal_mode = WAL")
@@ -283,7 +283,7 @@ class State:
             except sqlite3.OperationalError as error:
                 if not disk_is_full(error):
                     raise
-            await asyncio.sleep(AGAIN)
+            await asyncio.sleep(DISK_RETRY_SECONDS)
 
     def drop_job(self, id: str) -> None:
         """Delete a job."""
@@ -307,7 +307,7 @@ class State:
         """Close the file."""
         with self._lock:
             self._data.close()
-        self._held.close()
+        self._locks.close()
 
 
 def _trim(data: sqlite3.Connection) -> None:

@@ -116,6 +116,6 @@ def _header(content: bytes, image: str) -> str:
         raise InputError(
             "files: the YAML file is not a map_server file; the key `image` is missing."
         )
-    kept = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
-    plain = {key: header[key] for key in kept if key in header}
+    keys = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+    plain = {key: header[key] for key in keys if key in header}
     return yaml.safe_dump({"image": image, **plain})

@@ -172,22 +172,22 @@ def _initialize(line: Connection, work: Callable[[Connection], None]) -> None:
 
 def plans(line: Connection) -> None:
     """Run `PlanTask`s in turn; answer each with its result or a `Failure`."""
-    kept: dict[str, AmbiguityMap] = {}
+    opened: dict[str, AmbiguityMap] = {}
 
     def planned(task: PlanTask) -> Any:
-        return plan(_map_of(task, kept), task)
+        return plan(_map_of(task, opened), task)
 
     while True:
         task: PlanTask = line.recv()
         line.send(_outcome(partial(planned, task)))
 
 
-def _map_of(task: PlanTask | EditTask, kept: dict[str, AmbiguityMap]) -> AmbiguityMap:
+def _map_of(task: PlanTask | EditTask, opened: dict[str, AmbiguityMap]) -> AmbiguityMap:
     """Return the map of a task; the last one is kept."""
-    if task.map_file not in kept:
-        kept.clear()
-        kept[task.map_file] = read_map(Path(task.map_file), task.map_name)
-    return kept[task.map_file]
+    if task.map_file not in opened:
+        opened.clear()
+        opened[task.map_file] = read_map(Path(task.map_file), task.map_name)
+    return opened[task.map_file]
 
 
 def _outcome(work: Callable[[], Any]) -> Any:
@@ -247,7 +247,7 @@ def edits(line: Connection) -> None:
 
     None that comes meanwhile stops the edit, which is answered too.
     """
-    kept: dict[str, AmbiguityMap] = {}
+    opened: dict[str, AmbiguityMap] = {}
 
     def report(_: float) -> None:
         if line.poll():
@@ -255,7 +255,7 @@ def edits(line: Connection) -> None:
             raise _StoppedError
 
     def edited(task: EditTask) -> None:
-        amap = _map_of(task, kept)
+        amap = _map_of(task, opened)
         with contextlib.suppress(_StoppedError):
             edit(amap, task, report)
 

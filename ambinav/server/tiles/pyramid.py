@@ -98,14 +98,14 @@ def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
         mean = tuple(
             np.divide(t, n, out=np.full_like(t, np.nan), where=n > 0).astype(np.float32)
             for t, n in zip(
-                _sums(np.nan_to_num(values), depth), _sums(_known(values), depth), strict=True
+                _sums(np.nan_to_num(values), depth), _sums(_has_value(values), depth), strict=True
             )
         )
     worst = mean if kind in ("axis", "angle") else tuple(_extremes(values, depth, lowest_is_worst))
     return Pyramid(values, mean, worst)
 
 
-def _known(values: Values) -> Bools:
+def _has_value(values: Values) -> Bools:
     return np.isfinite(values)
 
 
@@ -139,9 +139,9 @@ def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
 def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
     """Compute mean directions of period 2 pi / fold."""
     turned = np.float32(fold) * np.nan_to_num(values)
-    known = _known(values)
-    parts = (_sums(np.sin(turned) * known, depth), _sums(np.cos(turned) * known, depth))
-    for sine, cosine, count in zip(*parts, _sums(known, depth), strict=True):
+    finite = _has_value(values)
+    parts = (_sums(np.sin(turned) * finite, depth), _sums(np.cos(turned) * finite, depth))
+    for sine, cosine, count in zip(*parts, _sums(finite, depth), strict=True):
         angle = np.mod(np.arctan2(sine, cosine), 2.0 * math.pi) / fold
         yield np.where(count > 0, angle, np.nan).astype(np.float32)
 

@@ -95,10 +95,10 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
         return False
     # Written beside the store, so that no reader of the store finds an incomplete group.
     prefix = f".{store.name}.{GROUP}."
-    held = try_lock(store.with_name(f"{prefix}lock"))
-    if held is None:
+    lock = try_lock(store.with_name(f"{prefix}lock"))
+    if lock is None:
         return False
-    with held:
+    with lock:
         for left in store.parent.glob(f"{glob.escape(prefix)}*"):  # by one that was killed
             if left.is_dir():
                 shutil.rmtree(left, ignore_errors=True)

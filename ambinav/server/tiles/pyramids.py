@@ -35,27 +35,27 @@ class Pyramids:
         rows, columns, _ = amap.possible.shape
         self.depth = depth_of((rows, columns))
         self._store, self._key = store, key
-        self._kept: OrderedDict[tuple[str, int | None], Pyramid] = OrderedDict()
+        self._cache: OrderedDict[tuple[str, int | None], Pyramid] = OrderedDict()
         self._lock = threading.Lock()
 
     def has(self, layer: str, heading: int | None) -> bool:
         """Return whether `get` returns at once."""
-        return (layer, heading) in self._kept
+        return (layer, heading) in self._cache
 
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
         """Return the pyramid of a layer, or of `WALLS`; at a heading if the layer has headings."""
         key = (layer, heading)
-        pyramid = self._kept.get(key)
+        pyramid = self._cache.get(key)
         if pyramid is not None:  # not behind the lock, which is held while another one is made
             with contextlib.suppress(KeyError):
-                self._kept.move_to_end(key)
+                self._cache.move_to_end(key)
             return pyramid
         with self._lock:
-            pyramid = self._kept.get(key)
+            pyramid = self._cache.get(key)
             if pyramid is None:
-                pyramid = self._kept[key] = self._find(layer, heading)
-                while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
-                    self._kept.popitem(last=False)
+                pyramid = self._cache[key] = self._find(layer, heading)
+                while len(self._cache) > 1 and self._bytes() > KEPT_BYTES:
+                    self._cache.popitem(last=False)
         return pyramid
 
     def keep(self, stop: threading.Event) -> bool:
@@ -77,7 +77,7 @@ class Pyramids:
         for layer in flat_layers(self.amap):
             if stop.is_set():
                 raise InterruptedError
-            yield layer, self._kept.get((layer, None)) or self._make(layer, None)
+            yield layer, self._cache.get((layer, None)) or self._make(layer, None)
 
     def _find(self, layer: str, heading: int | None) -> Pyramid:
         if heading is None and self._store is not None and self._key is not None:
@@ -94,7 +94,7 @@ class Pyramids:
 
     def _bytes(self) -> int:
         # A copy, since `get` may change the dictionary during the iteration.
-        return sum(pyramid.bytes for pyramid in tuple(self._kept.values()))
+        return sum(pyramid.bytes for pyramid in tuple(self._cache.values()))
 
 
 def _is_consistent(pyramid: Pyramid) -> bool:

@@ -47,15 +47,15 @@ class LayerStyle:
 
     def indices(self, values: Floats32) -> Bytes:
         """Return each value's palette index, from 1; 0 where there is no value."""
-        known = np.isfinite(values)
+        finite = np.isfinite(values)
         if self.classes:
             shades = np.nan_to_num(values).astype(np.uint8) + 1
-            return np.asarray(shades * known, dtype=np.uint8)
+            return np.asarray(shades * finite, dtype=np.uint8)
         low, high = float(self.norm.vmin or 0.0), float(self.norm.vmax or 1.0)
-        held = np.clip(np.where(known, values, low), low, high)
-        share = np.asarray(self.norm(held), dtype=np.float64)
+        clipped = np.clip(np.where(finite, values, low), low, high)
+        share = np.asarray(self.norm(clipped), dtype=np.float64)
         top = len(self.palette) - 1
-        return np.asarray(np.where(known, 1 + np.rint(share * top), 0), dtype=np.uint8)
+        return np.asarray(np.where(finite, 1 + np.rint(share * top), 0), dtype=np.uint8)
 
 
 def layer_style(served: ServedMap, layer: str) -> LayerStyle:
@@ -99,7 +99,7 @@ class Tiles:
         self.pyramids = pyramids
         self._like = like
         self._styles: dict[str, LayerStyle] = {}
-        self._kept: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
+        self._cache: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
         self._lock = threading.Lock()
 
     def style(self, layer: str) -> LayerStyle:
@@ -156,10 +156,10 @@ class Tiles:
         """
         key = (layer, heading, stat, z, tx, ty)
         with self._lock:
-            kept = self._kept.get(key)
-            if kept is not None:
-                self._kept.move_to_end(key)
-                return kept
+            stored = self._cache.get(key)
+            if stored is not None:
+                self._cache.move_to_end(key)
+                return stored
         depth = self.pyramids.depth
         if not 0 <= z <= depth:
             raise Problem(404, f"There is no zoom {z}; there are 0 to {depth}.", field="z")
@@ -172,9 +172,9 @@ class Tiles:
         window = values[ty * TILE : (ty + 1) * TILE, tx * TILE : (tx + 1) * TILE]
         made = _encoded(window, self.style(layer), layer == WALLS)
         with self._lock:
-            self._kept[key] = made
-            while len(self._kept) > KEPT_TILES:
-                self._kept.popitem(last=False)
+            self._cache[key] = made
+            while len(self._cache) > KEPT_TILES:
+                self._cache.popitem(last=False)
         return made
 
 

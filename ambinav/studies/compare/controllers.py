@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
@@ -18,6 +17,7 @@ from ambinav.plugins import load_callable, load_module
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.packages import ENVIRONMENTS, need
 from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:
@@ -173,16 +173,15 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
             f"({OUTCOMES[drives.outcome[0]]} at ({x:.2f}, {y:.2f}) m); choose another policy or "
             "pair"
         )
-    kept = [driven[0]]
+    spaced = [driven[0]]
     for pose in driven:
-        if np.hypot(*(pose - kept[-1])[:2]) >= STEP:
-            kept.append(pose)
-    poses = np.array([*kept, (*driver.goal, 0.0)])
+        if np.hypot(*(pose - spaced[-1])[:2]) >= STEP:
+            spaced.append(pose)
+    poses = np.array([*spaced, (*driver.goal, 0.0)])
     return evaluate_route(service, poses, Steering(), planner=f"policy {driver.source}")
 
 
 def _import_policies() -> ModuleType:
     """Import the environments' module of driving policies by its name."""
-    if find_spec("gymnasium") is None:
-        raise InputError('policies that drive need Gymnasium; run: pip install "ambinav[envs]"')
+    need("a policy that drives", ENVIRONMENTS)
     return load_module("ambinav_envs.policies.driving", Path())

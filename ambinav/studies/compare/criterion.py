@@ -134,11 +134,11 @@ class Verdict:
             change: Change = getattr(self, name)
             out[f"{name}_shortest"] = change.theirs.value
             out[f"{name}_route"] = change.ours.value
-            for what in ("difference", "ratio"):
-                interval: Interval = getattr(change, what)
-                out[f"{name}_{what}"] = interval.value
-                out[f"{name}_{what}_low"] = interval.low
-                out[f"{name}_{what}_high"] = interval.high
+            for figure in ("difference", "ratio"):
+                interval: Interval = getattr(change, figure)
+                out[f"{name}_{figure}"] = interval.value
+                out[f"{name}_{figure}_low"] = interval.low
+                out[f"{name}_{figure}_high"] = interval.high
         out["length_ratio"] = self.length
         for part in ("lost_met", "error_met", "length_met", "walls_met"):
             out[part] = getattr(self, part)

@@ -256,10 +256,10 @@ def pairs_of(rows: Sequence[Row]) -> list[str]:
 
 def _judged(rows: Sequence[Row], pair: str) -> PairPart:
     """Return the verdicts on a pair's routes."""
-    own = [row for row in rows if row.pair == pair]
-    base = next(row for row in own if row.is_baseline)
-    verdicts = {row.route: judge(row, base) for row in own if row is not base}
-    floors = {row.route: row.floor for row in own}
+    pair_rows = [row for row in rows if row.pair == pair]
+    base = next(row for row in pair_rows if row.is_baseline)
+    verdicts = {row.route: judge(row, base) for row in pair_rows if row is not base}
+    floors = {row.route: row.floor for row in pair_rows}
     lost, error, walls = (base[key].value.value for key in ("lost", "error_p95", "collided"))
     return PairPart(
         headline=headline(verdicts, base.route),
@@ -335,8 +335,10 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """Return all parameters that the figures depend on, with default values."""
-    given = asdict(scenario.space).items()
-    third = {name: value for name, value in given if value is not None and value is not False}
+    space_options = asdict(scenario.space).items()
+    third = {
+        name: value for name, value in space_options if value is not None and value is not False
+    }
     return {
         **({"space": third} if third else {}),
         "map": scenario.map.model_dump(),

@@ -68,8 +68,8 @@ def export_all(
     for _ in in_workers(setup, _export, pieces, jobs):
         pass
     for older in folder.iterdir() if folder.is_dir() else ():
-        kept = older.name in written or older.is_symlink()
-        if not kept and (older / ABOUT).is_file():
+        is_current = older.name in written or older.is_symlink()
+        if not is_current and (older / ABOUT).is_file():
             shutil.rmtree(older)
     return tuple(written)
 
@@ -114,9 +114,11 @@ def _is_there(piece: Piece, exports: ExportsPart) -> bool:
         stored = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    wanted = _about(piece, exports)
+    expected = _about(piece, exports)
     runs = all((piece.folder / _run_name(number)).is_dir() for number in exports.numbers)
-    return isinstance(stored, dict) and runs and {key: stored.get(key) for key in wanted} == wanted
+    return (
+        isinstance(stored, dict) and runs and {key: stored.get(key) for key in expected} == expected
+    )
 
 
 def _run_name(number: int) -> str:

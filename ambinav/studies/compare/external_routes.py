@@ -105,11 +105,11 @@ def check_drivable(loaded: ScenarioBundle, pair: PairPart, route: Route, where: 
             f"{where}: pose {bad} of the route, ({x[bad]:g}, {y[bad]:g}) m, is outside of the map; "
             "give a route in the map's frame."
         )
-    for what, wanted, at in (("starts", pair.start, 0), ("ends", pair.goal, -1)):
-        if math.hypot(x[at] - wanted[0], y[at] - wanted[1]) > SAME_PLACE:
+    for verb, end, index in (("starts", pair.start, 0), ("ends", pair.goal, -1)):
+        if math.hypot(x[index] - end[0], y[index] - end[1]) > SAME_PLACE:
             raise InputError(
-                f"{where}: it {what} at ({x[at]:g}, {y[at]:g}) m and the pair at ({wanted[0]:g}, "
-                f"{wanted[1]:g}); give a route of this pair."
+                f"{where}: it {verb} at ({x[index]:g}, {y[index]:g}) m and the pair at "
+                f"({end[0]:g}, {end[1]:g}); give a route of this pair."
             )
     radius = loaded.scenario.robot.radius
     checker = CollisionChecker(loaded.environment, Footprint.disc(radius), route.steering)

@@ -15,11 +15,11 @@ from pathlib import Path
 from ambinav.runtime.errors import InputError
 
 
-def check_guarded(what: str) -> None:
+def check_guarded(name: str) -> None:
     """Raise an error if the call comes from unguarded lines of a script.
 
     Args:
-        what: Name of the call that starts processes, for the message.
+        name: Name of the call that starts processes, for the message.
 
     Raises:
         InputError: fresh processes would run this call again.
@@ -37,7 +37,7 @@ def check_guarded(what: str) -> None:
     if frame is None or _guarded(Path(file), frame.f_lineno):
         return
     raise InputError(
-        f"{file}: line {frame.f_lineno}: {what} starts processes, and each of them would run this "
+        f"{file}: line {frame.f_lineno}: {name} starts processes, and each of them would run this "
         'line again; put it under `if __name__ == "__main__":`.'
     )
 

@@ -23,10 +23,10 @@ def _routes(setup: Setup, plans: Sequence[Plan]) -> list[dict[str, Any]]:
     """Return all routes, pair by pair, in the styles of the pictures."""
     routes = []
     for pair in dict.fromkeys(plan.pair for plan in plans):
-        own = [plan for plan in plans if plan.pair == pair]
+        pair_plans = [plan for plan in plans if plan.pair == pair]
         kinds = {p.name: p.kind for p in setup.scenario.routes if p.pair in (None, pair)}
-        styles = route_styles({plan.name: plan.route for plan in own}, kinds)
-        for plan in own:
+        styles = route_styles({plan.name: plan.route for plan in pair_plans}, kinds)
+        for plan in pair_plans:
             routes.append(
                 {
                     "pair": pair,

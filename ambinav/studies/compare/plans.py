@@ -77,7 +77,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
             _import_planners().check_planner(planning.planner)
         except InputError as error:
             raise InputError(f"planning: {error}") from error
-    for pair, part in _wanted(loaded):
+    for pair, part in _requested_routes(loaded):
         with _naming_route(pair, part):
             if part.kind == "file":
                 saved_route(loaded, pair, part)
@@ -102,12 +102,12 @@ def make_plans(
         InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route
             or does not get to the goal.
     """
-    wanted = _wanted(loaded)
+    requests = _requested_routes(loaded)
     plans = []
-    for done, (pair, part) in enumerate(wanted):
+    for done, (pair, part) in enumerate(requests):
         with _naming_route(pair, part):
             plans.append(_plan(loaded, amap, pair, part))
-        progress((done + 1) / len(wanted))
+        progress((done + 1) / len(requests))
     for pair in loaded.scenario.pairs:
         _note_dearer(loaded, amap, pair, [plan for plan in plans if plan.pair == pair.name])
     return tuple(plans)
@@ -139,7 +139,7 @@ def _note_dearer(
             )
 
 
-def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
+def _requested_routes(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
     return [
         (pair, part)
         for pair in loaded.scenario.pairs

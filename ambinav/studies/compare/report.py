@@ -92,7 +92,8 @@ def _compare(
     store: bool | MapStore,
 ) -> tuple[Document, tuple[Row, ...]]:
     scenario = loaded.scenario
-    here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
+    has_policy = any(part.kind == "policy" for part in scenario.routes)
+    here = Provenance.here(*PLANNING, *(POLICIES if has_policy else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
     with loaded.named():
         amap = _load_map(loaded, out / WORK, stages, store)
@@ -108,10 +109,17 @@ def _compare(
     forecasts = make_forecasts(loaded, amap, plans)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed, forecasts)
     by_pair = pair_figures(setup, plans, results)
-    figures = {name: figure for own in by_pair.values() for name, figure in own.items()}
+    figures = {
+        name: figure
+        for figures_of_pair in by_pair.values()
+        for name, figure in figures_of_pair.items()
+    }
     figures[OVERVIEW] = partial(plot_overview, rows, f"Routes compared: {scenario.name}")
     drawn = STUDY.draw(out, figures, image_format, stages("pictures"))
-    pictures = {pair: tuple(drawn[name] for name in own) for pair, own in by_pair.items()}
+    pictures = {
+        pair: tuple(drawn[name] for name in figures_of_pair)
+        for pair, figures_of_pair in by_pair.items()
+    }
     drives = [f"{DRIVES}/{name}" for name in written]
     report = document(loaded, plans, files, rows, pictures, drawn[OVERVIEW], drives)
     content = Content(
@@ -139,10 +147,6 @@ def _compare(
     STUDY.write_documents(out, content, {name: name for name in drawn.values()})
     STUDY.remove_pictures(out, drawn.values())  # of an earlier scenario, or in another format
     return report, rows
-
-
-def _has_policies(loaded: ScenarioBundle) -> bool:
-    return any(part.kind == "policy" for part in loaded.scenario.routes)
 
 
 def _load_map(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 
 from ambinav.drive.drives import Drives
 from ambinav.drive.metrics import Metrics
+from ambinav.runtime.array_files import read_arrays, write_arrays
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.files import replacing
 
 STEP = 0.5
 """Metres between the stations at which errors are kept."""
@@ -76,8 +75,8 @@ def quantiles(errors: Floats, shares: Sequence[float]) -> Floats:
         Metres; nan where fewer than a quarter of the runs were still driving.
     """
     out = np.full((len(shares), errors.shape[1]), np.nan)
-    known = np.isfinite(errors).sum(axis=0) >= max(1.0, LEAST * len(errors))
-    out[:, known] = np.nanquantile(errors[:, known], shares, axis=0)
+    enough = np.isfinite(errors).sum(axis=0) >= max(1.0, LEAST * len(errors))
+    out[:, enough] = np.nanquantile(errors[:, enough], shares, axis=0)
     return out
 
 
@@ -106,20 +105,13 @@ def save_results(results: Results, path: Path) -> None:
     """Write results as .npz, atomically."""
     arrays = {field.name: getattr(results.metrics, field.name) for field in fields(Metrics)}
     arrays |= {f"at_{name}": getattr(results, name) for name in ARRAYS}
-    with replacing(path) as fresh, fresh.open("wb") as file:
-        np.savez(file, **arrays)
+    write_arrays(path, arrays)
 
 
 def load_results(path: Path) -> Results | None:
     """Read a file of `save_results`; return None if it is missing or damaged."""
-    if not path.is_file():
+    arrays = read_arrays(path)
+    if arrays is None:
         return None
-    try:
-        # Opened here, because numpy would leave a damaged file open.
-        with path.open("rb") as file, np.load(file) as stored:
-            return Results(
-                Metrics(**{field.name: stored[field.name] for field in fields(Metrics)}),
-                *(stored[f"at_{name}"] for name in ARRAYS),
-            )
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
+    rows = [arrays.pop(f"at_{name}") for name in ARRAYS]
+    return Results(Metrics(**arrays), *rows)

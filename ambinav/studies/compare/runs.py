@@ -51,11 +51,12 @@ def drive_all(
         progress(done / len(paths))
     stored = {key: load_results(path) for key, path in paths.items()}
     return tuple(
-        joined([_there(stored[item.key]) for item in items if item.plan is plan]) for plan in plans
+        joined([_required(stored[item.key]) for item in items if item.plan is plan])
+        for plan in plans
     )
 
 
-def _there(results: Results | None) -> Results:
+def _required(results: Results | None) -> Results:
     if results is None:
         raise RuntimeError("results that were just written cannot be read")
     return results

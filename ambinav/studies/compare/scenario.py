@@ -57,10 +57,10 @@ class Scenario(BuildingPart):
         """Check conditions that involve several parts of the scenario."""
         for name, parts in (("pairs", self.pairs), ("routes", self.routes)):
             names = [part.name for part in parts]
-            for given in names:
-                if names.count(given) > 1:
+            for part_name in names:
+                if names.count(part_name) > 1:
                     raise InputError(
-                        f"{name}: {given!r} is given twice; give each a name of its own"
+                        f"{name}: {part_name!r} is given twice; give each a name of its own"
                     )
         self._check_pairs()
         try:

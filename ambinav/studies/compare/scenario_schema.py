@@ -156,11 +156,11 @@ class DrivePart(ConfigModel):
     @classmethod
     def _refuse_third_deviation(cls, plain: Any) -> Any:
         """Refuse a third number: earlier versions took the heading's deviation, radians, there."""
-        given = plain.get("start_std") if isinstance(plain, Mapping) else None
-        if isinstance(given, list | tuple) and len(given) == 3:
+        start_std = plain.get("start_std") if isinstance(plain, Mapping) else None
+        if isinstance(start_std, list | tuple) and len(start_std) == 3:
             raise InputError(
-                f"start_std is {list(given)}; give only those of x and y in metres, and that of "
-                "the heading in degrees as start_heading_std_deg"
+                f"start_std is {list(start_std)}; give only those of x and y in metres, and that "
+                "of the heading in degrees as start_heading_std_deg"
             )
         return plain
 

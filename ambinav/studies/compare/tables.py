@@ -144,8 +144,8 @@ def make_rows(
             routes, made = zip(*planned[pair, name], strict=True)
             length = sum(route.length for route in routes)
             floor = BadFloor.joined([BadFloor.of(route) for route in routes])
-            known = () if None in made else made
-            rows.append(Row(pair, name, len(measured), length, floor, cells, known))
+            forecasts_of_route = () if None in made else made
+            rows.append(Row(pair, name, len(measured), length, floor, cells, forecasts_of_route))
     return tuple(rows)
 
 

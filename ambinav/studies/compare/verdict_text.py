@@ -65,7 +65,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
         route: Its name.
         baseline: Name of the other.
     """
-    if _same(verdict):
+    if _has_same_runs(verdict):
         return f"{route} gives exactly the same runs as {baseline}: it is the same path."
     opening = {
         "better": f"{route} is better than {baseline}",
@@ -119,7 +119,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         return f"{baseline} is the only route; there is nothing to compare."
     named: dict[str, list[str]] = {"same": []}
     for route, verdict in verdicts.items():
-        named.setdefault("same" if _same(verdict) else verdict.effect, []).append(route)
+        named.setdefault("same" if _has_same_runs(verdict) else verdict.effect, []).append(route)
     met = [route for route, verdict in verdicts.items() if verdict.outcome == "met"]
     short = [route for route in named.get("better", []) if route not in met]
     clauses = []
@@ -162,7 +162,7 @@ def length_text(ratio: float) -> str:
     return f"{abs(extra):.{digits}f} % {'longer' if extra > 0.0 else 'shorter'}"
 
 
-def _same(verdict: Verdict) -> bool:
+def _has_same_runs(verdict: Verdict) -> bool:
     # The interval of shares stays open however many runs are alike; that of the errors closes.
     error = verdict.error.difference
     shares = verdict.lost.difference.value, verdict.collided.difference.value

@@ -128,13 +128,13 @@ def connected(amap: AmbiguityMap, mask: Bools, parts: JudgedFloor) -> Labels:
 
 
 def improved_text(
-    places: Sequence[ImprovedPart], what: str = "Most floor becomes good", *, named: bool = True
+    places: Sequence[ImprovedPart], intro: str = "Most floor becomes good", *, named: bool = True
 ) -> str:
     """List the places in a sentence, empty if there are none.
 
     Args:
         places: The places.
-        what: What happens there.
+        intro: What happens there.
         named: Whether by the names that pictures give them.
     """
     names = ascii_uppercase if named else ("",) * len(places)
@@ -143,7 +143,7 @@ def improved_text(
         f"{place.area_m2:,.{int(place.area_m2 < 10.0)}f} m²".strip()
         for name, place in zip(names, places, strict=False)
     ]
-    return f"{what}: {'; '.join(listed)}." if listed else ""
+    return f"{intro}: {'; '.join(listed)}." if listed else ""
 
 
 def state_figures(draw: Callable[[bool], Axes]) -> dict[str, Callable[[], Axes | Figure]]:

@@ -58,11 +58,11 @@ class Places:
     def merged(cls, point: Ints, heading: Ints, weight: Floats) -> Places:
         """Return points at headings, each pair once with the sum of its weights."""
         pairs = np.column_stack([point, heading])
-        kept, which = np.unique(pairs, axis=0, return_inverse=True)
-        total = np.zeros(len(kept))
+        distinct, which = np.unique(pairs, axis=0, return_inverse=True)
+        total = np.zeros(len(distinct))
         np.add.at(total, which.ravel(), weight)
-        points, headings = kept.astype(np.int64).T
-        return cls(points, headings, total, len(kept))
+        points, headings = distinct.astype(np.int64).T
+        return cls(points, headings, total, len(distinct))
 
     def __len__(self) -> int:
         """Return the number of places K."""
@@ -96,9 +96,9 @@ class Places:
         total = float(self.weight.sum())
         marks = (rng.random() + np.arange(count)) * (total / count)
         drawn = np.searchsorted(np.cumsum(self.weight[order]), marks, side="right")
-        kept, times = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
+        chosen, times = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
         weight = times.astype(np.float64) * (total / count)
-        return Places(self.point[kept], self.heading[kept], weight, self.of)
+        return Places(self.point[chosen], self.heading[chosen], weight, self.of)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,5 +101,5 @@ def difference(
 
 def _resolution(amap: AmbiguityMap) -> float | None:
     """Return the cell size of the occupancy map behind a map, metres; None for a drawn plan."""
-    given = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
-    return None if given is None else float(given)
+    resolution = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
+    return None if resolution is None else float(resolution)

@@ -131,13 +131,13 @@ def document(result: Difference, places: int) -> Document:
     """
     before, after, cell = result.before, result.after, result.lattice.cell_area
     table = _table(result)
-    own = result.layers
+    own_layers = result.layers
     areas = [float(read.counted.sum()) * cell for read in (before, after)]
     made = Document(
         summary="",
         identical=result.identical,
-        first=_map(result.first, result.parts[0].radius, areas[0], own[0]),
-        second=_map(result.second, result.parts[1].radius, areas[1], own[1]),
+        first=_map(result.first, result.parts[0].radius, areas[0], own_layers[0]),
+        second=_map(result.second, result.parts[1].radius, areas[1], own_layers[1]),
         lattice=LatticePart.of(result.lattice),
         new_floor_m2=table[COUNTED:, :COUNTED].sum(),
         gone_floor_m2=table[:COUNTED, COUNTED:].sum(),

@@ -163,7 +163,7 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
     return ReadMap(read, level)
 
 
-def _nearest(wanted: Floats, centres: Floats, step: float) -> Indices:
+def _nearest(values: Floats, centres: Floats, step: float) -> Indices:
     """Return indices of the cells that contain coordinates; -1 outside."""
-    index = np.floor((wanted - centres[0]) / step + 0.5).astype(np.intp)
+    index = np.floor((values - centres[0]) / step + 0.5).astype(np.intp)
     return np.where((index >= 0) & (index < centres.size), index, -1)

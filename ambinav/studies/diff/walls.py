@@ -39,8 +39,8 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> Floats:
         End points, columns ax, ay, bx, by, metres, shape (N, 4).
     """
     ours, theirs = walls.xy[walls.walls], others.xy[others.walls]
-    known = {tuple(row) for row in np.round(theirs, 6).tolist()}
-    fresh = [tuple(row) not in known for row in np.round(ours, 6).tolist()]
+    their_walls = {tuple(row) for row in np.round(theirs, 6).tolist()}
+    fresh = [tuple(row) not in their_walls for row in np.round(ours, 6).tolist()]
     lines = shapely.linestrings(ours[np.array(fresh, dtype=np.bool_)].reshape(-1, 2, 2))
     if not len(lines):
         return np.empty((0, 4))

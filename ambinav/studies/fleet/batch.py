@@ -29,8 +29,8 @@ class Batch:
         Raises:
             InputError: it is none.
         """
-        given = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text, re.ASCII)
-        number, count = (int(part) for part in given.groups()) if given else (0, 0)
+        match = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text, re.ASCII)
+        number, count = (int(part) for part in match.groups()) if match else (0, 0)
         if not 1 <= number <= count:
             raise InputError(
                 f"{option}: {text!r} is not a part of a fleet; give its number, from 1, and how "

@@ -18,7 +18,7 @@ CATALOGUE: Final = "catalog.json"
 ITEMS: Final = "items"
 VERSION: Final = "1.1.0"
 PREFIX: Final = "ambinav:"
-"""Of the properties that are not STAC's."""
+"""Prefix of the properties that STAC does not define."""
 PROPERTIES: Final = ("status", "bad_m2", "bad_share", "advice")
 """Figures that are properties, each by scanner."""
 

@@ -73,13 +73,13 @@ def open_fleet(place: str) -> FleetDocument:
     except ValidationError as error:
         first = error.errors()[0]
         is_json = first["type"] != "json_invalid"
-        what = (
+        fault = (
             "is not of this version of `ambinav fleet audit`"
             if is_json
             else "is cut off or no JSON"
         )
         raise InputError(
-            f"{place}: {FILE} {what} ({first['msg']}); run the audit again."
+            f"{place}: {FILE} {fault} ({first['msg']}); run the audit again."
         ) from error
 
 
@@ -175,7 +175,7 @@ def _worst(report: FleetDifference) -> float | None:
     return max([*rises, 0.0][: report.compared], default=None)
 
 
-def _where(kind: str) -> Callable[[FleetDifference], str]:
+def _named_sites(kind: str) -> Callable[[FleetDifference], str]:
     def names(report: FleetDifference) -> str:
         listed = [f"{each.site} ({each.scanner})" for each in report.changes if each.change == kind]
         return f"{kind.capitalize()}: {', '.join(listed)}." if listed else ""
@@ -186,21 +186,22 @@ def _where(kind: str) -> Callable[[FleetDifference], str]:
 def _count(kind: str, meaning: str) -> Quantity:
     return Quantity(
         kind, "", f"number of sites and scanners {meaning}",
-        lambda report: float(sum(each.change == kind for each in report.changes)), _where(kind),
+        lambda report: float(sum(each.change == kind for each in report.changes)),
+        _named_sites(kind),
     )  # fmt: skip
 
 
 QUANTITIES: Final[Quantities] = catalogue(
     Quantity(
         "bad change", "m²", "largest rise of the bad floor at a site; negative if all fall",
-        _worst, _where("worse"), NOTHING, least=-float("inf"),
+        _worst, _named_sites("worse"), NOTHING, least=-float("inf"),
     ),
     Quantity(
         "total bad change", "m²", "bad floor of all sites in both, after minus before",
         lambda report: (
             _total(report.changes) if report.compared and not _lacking(report) else None
         ),
-        _where("worse"), NOTHING, least=-float("inf"),
+        _named_sites("worse"), NOTHING, least=-float("inf"),
     ),
     _count("worse", "with more bad floor"),
     _count("failed", "that failed in B and not in A"),

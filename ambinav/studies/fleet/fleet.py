@@ -67,9 +67,9 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
     loaded: dict[str, tuple[str, RangeScanner]] = {}
     labels: dict[str, str] = {}
 
-    def load(given: str, folder: str) -> tuple[str, RangeScanner]:
-        beside = Path(folder, given)
-        place = str(beside) if folder and beside.is_file() else given
+    def load(named: str, folder: str) -> tuple[str, RangeScanner]:
+        beside = Path(folder, named)
+        place = str(beside) if folder and beside.is_file() else named
         if Path(place).is_file():
             place = str(Path(place).resolve())
         if place not in loaded:
@@ -84,17 +84,17 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
         return loaded[place]
 
     common = [
-        *dict(sorted((load(given, "") for given in scanners), key=lambda pair: pair[0])).items()
+        *dict(sorted((load(named, "") for named in scanners), key=lambda pair: pair[0])).items()
     ]
     units = []
     for site in sites:
         try:
-            own = [load(site.scanner, site.folder)] if site.scanner else common
+            site_scanners = [load(site.scanner, site.folder)] if site.scanner else common
         except InputError as error:
             raise InputError(f"site {site.name!r}: {error}") from None
-        if not own:
+        if not site_scanners:
             raise InputError(f"--scanner: site {site.name!r} has none; give one or more.")
-        units += [Unit(site, label, scanner) for label, scanner in own]
+        units += [Unit(site, label, scanner) for label, scanner in site_scanners]
     return tuple(units)
 
 
@@ -126,8 +126,8 @@ def run_fleet(
             or the scheduler does not answer.
     """
     address = _place(output)
-    with _held(address):
-        results = _done(
+    with _locked(address):
+        results = _run_units(
             units, FleetWork(address, settings, computing_digest()), workers, scheduler, progress
         )
         report = fleet_document(results, settings)
@@ -171,9 +171,9 @@ def run_batch(
             f"--batch: {batch} is empty, as there are only {len(units)} audits; take fewer parts."
         )
     address = _place(output)
-    with _held(address, batch):
+    with _locked(address, batch):
         work = FleetWork(address, settings, computing_digest())
-        return _done(part, work, workers, scheduler, progress)
+        return _run_units(part, work, workers, scheduler, progress)
 
 
 def _place(output: str | Path) -> Address:
@@ -183,7 +183,7 @@ def _place(output: str | Path) -> Address:
     return address
 
 
-def _done(
+def _run_units(
     units: Sequence[Unit], work: FleetWork, workers: int | None, scheduler: str | None,
     progress: Progress,
 ) -> tuple[UnitDone, ...]:  # fmt: skip
@@ -240,7 +240,7 @@ class FleetQueue:
 
 
 @contextlib.contextmanager
-def _held(address: Address, batch: Batch | None = None) -> Iterator[None]:
+def _locked(address: Address, batch: Batch | None = None) -> Iterator[None]:
     """Hold the output for this run; that of the whole removes the leftovers of killed ones.
 
     Parts may be at work beside each other.

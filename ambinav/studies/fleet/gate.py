@@ -45,7 +45,7 @@ def judge_fleet(
         f"{name_of(result)} {outcome.value:.4g}{f' {unit}' if unit else ''}"
         for outcome, result in holding[:NAMED]
     )
-    where = f"At {len(holding)} of {len(results)}: {named}{_others(len(holding))}."
+    where = f"At {len(holding)} of {len(results)}: {named}{_and_others(len(holding))}."
     return Outcome(condition, outcomes[0][0].value, where), lacking
 
 
@@ -56,8 +56,8 @@ def name_of(result: Result) -> str:
 
 def names_of(results: Sequence[Result]) -> str:
     """Return sites and scanners, of many only the first."""
-    return f"{', '.join(map(name_of, results[:NAMED]))}{_others(len(results))}"
+    return f"{', '.join(map(name_of, results[:NAMED]))}{_and_others(len(results))}"
 
 
-def _others(count: int) -> str:
+def _and_others(count: int) -> str:
     return f" and {count - NAMED} others" if count > NAMED else ""

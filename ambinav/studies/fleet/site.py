@@ -85,8 +85,8 @@ class Site:
 
 def in_utc(date: str) -> datetime:
     """Return an ISO 8601 date in UTC, the zone of one that names none; errors as of Python."""
-    given = datetime.fromisoformat(date)
-    return given.replace(tzinfo=UTC) if given.tzinfo is None else given.astimezone(UTC)
+    moment = datetime.fromisoformat(date)
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
 def _stamp(moment: datetime) -> str:

@@ -106,10 +106,10 @@ def _from_table(address: Address) -> Iterator[Site]:
     try:
         text = content.decode("utf-8-sig")
         # Spreadsheets separate by what their language leaves free.
-        first, _, rest = text.partition("\n")
+        first, _, body = text.partition("\n")
         declared = _SEPARATOR.fullmatch(first)
         separator = declared[1] if declared else max(",;\t", key=first.count)
-        lines = io.StringIO(rest if declared else text, newline="")
+        lines = io.StringIO(body if declared else text, newline="")
         table = csv.DictReader(lines, strict=True, delimiter=separator)
         columns = [column.strip() for column in table.fieldnames or ()]
         table.fieldnames = columns
@@ -148,10 +148,10 @@ def _site(where: str, folder: str, values: Mapping[str, str]) -> Site:
             "without .json or .png at the end."
         )
     reading: dict[str, Any] = {name: values[name] for name in READING if values.get(name)}
-    for column, known in _CHOICES.items():
-        if reading.get(column, known[0]) not in known:
+    for column, choices in _CHOICES.items():
+        if reading.get(column, choices[0]) not in choices:
             raise InputError(
-                f"{where}: {column} {reading[column]!r}: {nearest(reading[column], known)}."
+                f"{where}: {column} {reading[column]!r}: {nearest(reading[column], choices)}."
             )
     if "height" in reading:
         try:
@@ -176,11 +176,11 @@ def _from_folder(address: Address) -> Iterator[Site]:
         raise InputError(
             f"{address}: there is no such folder; give a folder of buildings, or a .csv of sites."
         )
-    known = MAP_READERS.names()
+    suffixes = MAP_READERS.names()
     files = [
         name
         for name in address.names()
-        if PurePosixPath(name).suffix.lower().removeprefix(".") in known
+        if PurePosixPath(name).suffix.lower().removeprefix(".") in suffixes
         and not any(part.startswith(".") for part in name.split("/"))
         and _is_building(address, name)
     ]

@@ -123,9 +123,9 @@ class FleetWork:
                 self.computed_by, self.settings, contents, dict(unit.site.reading),
                 unit.site.building, unit.label, unit.scanner,
             )  # fmt: skip
-            kept = self._kept(unit, digest)
-            if kept is not None:
-                return kept
+            stored = self._stored_result(unit, digest)
+            if stored is not None:
+                return stored
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 result, picture = self._audited(unit, contents, digest, start)
@@ -149,7 +149,7 @@ class FleetWork:
         text = result.model_dump_json(indent=1) + "\n"
         self.output.write(f"{unit.file}.json", text.encode())
 
-    def _kept(self, unit: Unit, digest: str) -> UnitDone | None:
+    def _stored_result(self, unit: Unit, digest: str) -> UnitDone | None:
         """Return the result that is there, if it was made of the same and did not fail."""
         content = self.output.read(f"{unit.file}.json")
         if content is None or digest.encode() not in content:
@@ -172,18 +172,20 @@ class FleetWork:
         amap = build_map(
             environment, scanner, spacing=settings.spacing, radius=settings.radius, store=False
         ).for_robot(reach)
-        found = audit(amap, environment, scanner, reach=reach)
+        audited = audit(amap, environment, scanner, reach=reach)
         if settings.advice:
-            found = advise(found, posts=0)
-        report = document(found)
+            audited = advise(audited, posts=0)
+        report = document(audited)
         # Without pictures, and the same wherever and whenever it is made.
         places = tuple(place.model_copy(update={"picture": ""}) for place in report.places)
         building = report.environment.model_copy(update={"source": unit.site.building})
         report = report.model_copy(
             update={"created": "", "pictures": (), "places": places, "environment": building}
         )
-        result = unit.result(digest, _run(start), audit=report, mean_level=_mean_level(found.amap))
-        return result, thumbnail(found.amap)
+        result = unit.result(
+            digest, _run(start), audit=report, mean_level=_mean_level(audited.amap)
+        )
+        return result, thumbnail(audited.amap)
 
 
 def _load(site: Site, contents: dict[str, bytes]) -> Environment:

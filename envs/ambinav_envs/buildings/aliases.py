@@ -51,21 +51,25 @@ class Aliases:
         stands = np.flatnonzero(_stands(building, x, y))
         sought = np.zeros(len(x), dtype=np.bool_)
         sought[np.random.default_rng(0).permutation(stands)[:SOUGHT]] = True
-        found = settle(context, aliased_poses(context, count, least=SEARCHED, sought=sought).poses)
-        found = found[:, : 1 if context.turns_in_place else None]
-        headings = context.headings[: found.shape[1]]
-        own = np.empty((*found.shape[:2], 3))
-        own[..., 0], own[..., 1], own[..., 2] = x[:, None], y[:, None], headings
-        apart = np.hypot(found[..., 0] - own[..., None, 0], found[..., 1] - own[..., None, 1])
-        good = (found[..., 3] >= LIKE) & (apart >= APART)
+        matches = settle(
+            context, aliased_poses(context, count, least=SEARCHED, sought=sought).poses
+        )
+        matches = matches[:, : 1 if context.turns_in_place else None]
+        headings = context.headings[: matches.shape[1]]
+        truth = np.empty((*matches.shape[:2], 3))
+        truth[..., 0], truth[..., 1], truth[..., 2] = (x[:, None], y[:, None], headings)
+        apart = np.hypot(
+            matches[..., 0] - truth[..., None, 0], matches[..., 1] - truth[..., None, 1]
+        )
+        good = (matches[..., 3] >= LIKE) & (apart >= APART)
         # The turn becomes the heading there.
-        poses = found[..., :3] + own[..., None, :] * (0.0, 0.0, 1.0)
+        poses = matches[..., :3] + truth[..., None, :] * (0.0, 0.0, 1.0)
         poses[~good] = np.nan
         # Good ones first.
         order = np.argsort(~good, axis=2, kind="stable")
         poses = np.take_along_axis(poses, order[..., None], axis=2)
         usable = good.any(axis=2)
-        return cls(own[usable], poses[usable], context.turns_in_place)
+        return cls(truth[usable], poses[usable], context.turns_in_place)
 
     def draw(self, state: UInts) -> Floats | None:
         """Draw a pose that has aliases, shape (3,); None if there is none.
@@ -103,8 +107,8 @@ class Aliases:
         aliases = compose(there, between(self.poses[nearest], pose))
         aliases[:, 2] = wrap_angles(aliases[:, 2])
         wrong = compose(pose, between(aliases, np.append(goal, 0.0)))
-        kept = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
-        return np.concatenate([pose[None], kept]) if len(kept) else None
+        far_aliases = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
+        return np.concatenate([pose[None], far_aliases]) if len(far_aliases) else None
 
 
 def _stands(building: Building, x: Floats, y: Floats) -> Bools:

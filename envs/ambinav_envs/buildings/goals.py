@@ -75,7 +75,7 @@ class Goals:
         if prices is not None:
             self._priced = lattice.table._replace(prices=prices)
             self._true_priced = self._world.table._replace(prices=prices)
-        self._known: dict[int, _Goal] = {}
+        self._goals: dict[int, _Goal] = {}
         count = min(max(_MEMORY // (4 * lattice.room.size), FEWEST), MOST)
         self._points = np.empty((count if len(lattice.standing) else 0, 2))
         state = states(np.random.Generator(np.random.PCG64(0)), 1)[0]
@@ -207,7 +207,7 @@ class Goals:
 
     def _goal(self, which: int) -> _Goal:
         """Return the goal with this number."""
-        if which not in self._known:
+        if which not in self._goals:
             place = self._points[which].copy()
             table = self._lattice.table
             lengths, label = self._costs_to(place, table)
@@ -215,8 +215,8 @@ class Goals:
             if self._world is not self._lattice:
                 true_lengths = self._costs_to(place, self._world.table)[0]
             cost_to_go = self._cost_to_go(place, lengths, true_lengths)
-            self._known[which] = _Goal(place, lengths, true_lengths, cost_to_go, label)
-        return self._known[which]
+            self._goals[which] = _Goal(place, lengths, true_lengths, cost_to_go, label)
+        return self._goals[which]
 
     def _cost_to_go(self, place: Floats, lengths: Floats32, true_lengths: Floats32) -> CostToGo:
         """Combine costs in the world with directions on the map, given the lengths of both."""

@@ -27,7 +27,7 @@ class BuildingSource:
     `first=0, count=1000`, test on `first=1000, count=100`.
 
     Args:
-        what: Name of a suite, an environment file, or an environment.
+        source: Name of a suite, an environment file, or an environment.
         scanner: The robot's scanner.
         robot_radius: Radius of the robot's disc, metres.
         count: How many buildings of the suite there are; None: any number, so that hardly one is
@@ -48,7 +48,7 @@ class BuildingSource:
 
     def __init__(
         self,
-        what: str | Path | Environment,
+        source: str | Path | Environment,
         scanner: RangeScanner,
         robot_radius: float,
         *,
@@ -65,15 +65,15 @@ class BuildingSource:
         self._layers = layers
         self._buildings: OrderedDict[int, Building] = OrderedDict()
         self._map: Environment | None = None
-        if not isinstance(what, str | Path | Environment):
+        if not isinstance(source, str | Path | Environment):
             raise InputError(
-                f"the buildings are of the type {type(what).__name__}; name a suite, or give an "
+                f"the buildings are of the type {type(source).__name__}; name a suite, or give an "
                 "environment file or an Environment."
             )
-        if isinstance(what, str) and not Path(what).suffix and Path(what).name == what:
-            self.name = suite(what).name
+        if isinstance(source, str) and not Path(source).suffix and Path(source).name == source:
+            self.name = suite(source).name
         else:
-            self._map = what if isinstance(what, Environment) else load_environment(what)
+            self._map = source if isinstance(source, Environment) else load_environment(source)
             self.name = self._map.name
         if self._map is not None and (count not in (None, 1) or first != 0):
             raise InputError(

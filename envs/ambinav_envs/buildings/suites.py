@@ -87,7 +87,7 @@ class Suite:
 
     def building(self, variant: int) -> Environment:
         """Return the building with this number; its name consists of suite and number."""
-        return self._drawn(variant, f"{self.name}-{variant}")
+        return self._draw(variant, f"{self.name}-{variant}")
 
     def functions(self) -> list[Callable[[int, str], Environment]]:
         """Return the functions that draw its buildings."""
@@ -101,9 +101,9 @@ class Suite:
             return {self.name}
         return set[str]().union(*(suite(member).leaves() for member in self.members))
 
-    def _drawn(self, variant: int, called: str) -> Environment:
+    def _draw(self, variant: int, called: str) -> Environment:
         if self.draw is None:
-            return suite(self.members[variant % len(self.members)])._drawn(variant, called)
+            return suite(self.members[variant % len(self.members)])._draw(variant, called)
         with SUITES.calling(self.name):
             environment = self.draw(variant, called)
             if not isinstance(environment, Environment):
@@ -156,7 +156,7 @@ def _family(name: str, title: str, draw: Callable[[PlanSampler], Plan]) -> Suite
     return Suite(name, title, of_variant)
 
 
-def _own(entry: Suite) -> Suite:
+def _itself(entry: Suite) -> Suite:
     return entry
 
 
@@ -195,6 +195,6 @@ _SHIPPED = (
     Suite(STANDARD, "procedural buildings and halls", members=("procedural", "hall")),
 )
 SUITES: Final = Registry(
-    "suite", Suite, "ambinav.suites", {entry.name: partial(_own, entry) for entry in _SHIPPED}
+    "suite", Suite, "ambinav.suites", {entry.name: partial(_itself, entry) for entry in _SHIPPED}
 )
 """The suites: ours, and those of plug-ins."""

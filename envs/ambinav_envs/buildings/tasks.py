@@ -163,23 +163,23 @@ def path_length(lattice: FreeSpaceLattice, start: Floats, goal: Floats, read: fl
     return read
 
 
-def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) -> Floats:
+def _place(lattice: FreeSpaceLattice, value: ArrayLike, name: str, size: int) -> Floats:
     """Return a point or pose given by a user, checked."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("complex numbers")
         place = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is {value!r}; give {size} numbers.") from error
+        raise InputError(f"{name} is {value!r}; give {size} numbers.") from error
     if place.shape != (size,) or not np.isfinite(place).all():
         raise InputError(
-            f"{what} is {value!r}; give {'x, y and theta' if size == 3 else 'x and y'}: {size} "
+            f"{name} is {value!r}; give {'x, y and theta' if size == 3 else 'x and y'}: {size} "
             "finite numbers, metres and radians in the map frame."
         )
     why = lattice.checker.why_not(float(place[0]), float(place[1]))
     if why is not None:
         raise InputError(
-            f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is {why}; move it."
+            f"{name} ({place[0]:g}, {place[1]:g}) in {lattice.name} is {why}; move it."
         )
     return place
 
@@ -187,19 +187,19 @@ def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) ->
 def _same_part(lattice: FreeSpaceLattice, task: Floats) -> bool:
     """Return whether the free space connects a given start with a given goal."""
     parts = []
-    for what, x, y in (("start", task[0], task[1]), ("goal", task[3], task[4])):
+    for name, x, y in (("start", task[0], task[1]), ("goal", task[3], task[4])):
         seeds, first = np.empty(_SEEDS, dtype=np.int64), np.empty(_SEEDS)
         count = _joined(x, y, lattice.table, seeds, first)
         if count == 0:
-            raise InputError(_cornered_text(lattice, what, np.array([x, y])))
+            raise InputError(_cornered_text(lattice, name, np.array([x, y])))
         parts.append(lattice.labels.ravel()[seeds[:count]])
     return bool(np.isin(parts[0], parts[1]).any())
 
 
-def _cornered_text(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
+def _cornered_text(lattice: FreeSpaceLattice, name: str, place: Floats) -> str:
     """Explain why a point is not usable although the robot fits there."""
     return (
-        f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is in a corner so tight that a "
+        f"{name} ({place[0]:g}, {place[1]:g}) in {lattice.name} is in a corner so tight that a "
         f"lattice of {lattice.spacing:g} m shows no path out of it; move it."
     )
 

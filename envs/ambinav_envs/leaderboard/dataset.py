@@ -15,7 +15,6 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,7 +25,8 @@ from ambinav import __version__
 from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav.runtime.progress import Progress, silent
+from ambinav.runtime.packages import need
+from ambinav.runtime.progress import Progress, silent, step_of
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, episode_seeds
 from ambinav_envs.file_arguments import with_absolute_files
@@ -102,9 +102,7 @@ def record_datasets(
         InputError: minari is missing, the folder is there, two data sets have the same name, an
             argument cannot be used, or a method does not fit.
     """
-    for package in ("minari", "h5py"):
-        if find_spec(package) is None:
-            raise InputError(f'a data set needs {package}; run: pip install "ambinav[minari]".')
+    need("a data set", ("minari", "h5py"), "minari")
     arguments = with_absolute_files(arguments, Path())
     if is_wrapped(environment):
         make_wrapped(environment, arguments).close()
@@ -126,13 +124,10 @@ def record_datasets(
         fresh.mkdir()
         with _datasets_in(fresh):
             for k, (name, method) in enumerate(zip(names, methods, strict=True)):
-
-                def report(share: float, done: int = k) -> None:
-                    progress((done + share) / len(methods))
-
-                own = {**method.seeing, **arguments}
+                merged = {**method.seeing, **arguments}
+                part = step_of(progress, k, len(methods))
                 made.append(
-                    _record(name, method, environment, own, episodes, first, report, author)
+                    _record(name, method, environment, merged, episodes, first, part, author)
                 )
     return tuple(made)
 
@@ -246,10 +241,10 @@ class _Driver:
         while not (overs and (overs[-1] or cuts[-1])):
             rows = {name: part[None] for name, part in seen.items()}
             if isinstance(driver, Policy):
-                wanted = driver.act(rows, starts)
+                action = driver.act(rows, starts)
             else:
-                wanted = driver.act(rows, starts, self._simulation)
-            actions.append(self._action(wanted))
+                action = driver.act(rows, starts, self._simulation)
+            actions.append(self._action(action))
             seen, reward, over, cut, info = self._env.step(actions[-1])
             observations.append(seen)
             infos.append(info)
@@ -271,14 +266,14 @@ class _Driver:
         last = {"outcome": "timeout", "is_success": False, **info}
         return buffer, {name: last[name] for name in ENDED}
 
-    def _action(self, wanted: Any) -> Any:
+    def _action(self, output: Any) -> Any:
         """Convert the action to the space's type, so that the record equals what was done.
 
         Raises:
             InputError: it is of no use.
         """
         space = self._env.action_space
-        chosen = checked_actions(self._name, wanted, 1, simulation_of(self._env).parameters)[0]
+        chosen = checked_actions(self._name, output, 1, simulation_of(self._env).parameters)[0]
         if isinstance(space, gym.spaces.Box):
             return np.clip(chosen.astype(space.dtype), space.low, space.high)
-        return np.int64(np.asarray(wanted)[0])
+        return np.int64(np.asarray(output)[0])

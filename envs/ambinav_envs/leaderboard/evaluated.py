@@ -20,7 +20,7 @@ from ambinav.runtime.progress import Progress, silent, within
 from ambinav_envs.arena import Arena
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
-from ambinav_envs.leaderboard.figures import Row, make_rows, plain
+from ambinav_envs.leaderboard.figures import Row, make_rows
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
@@ -77,7 +77,7 @@ class Evaluation:
             "code": self.code,
             "episodes": self.row.episodes,
             "seed": self.seed,
-            "figures": {cell.figure.key: plain(cell.value) for cell in self.row.cells},
+            "figures": self.row.to_plain()["figures"],
             "summary": {
                 key: None if np.isnan(value) else value
                 for key, value in self.episodes.summary().items()
@@ -169,11 +169,11 @@ def environment_for(
             "--task MODULE:ID, --suite or --map."
         )
     if name is not None and is_wrapped(name):
-        meant = arguments_of_id(name, changed)
-        given = policy.seeing if task is not None else _training_left(policy, meant, changed)
-        return {"id": name, **_needed(meant, given, changed)}
-    meant = {} if name is None else arguments_of_id(name)
-    arguments = {key: value for key, value in meant.items() if key not in DRAWN} | arguments
+        of_id = arguments_of_id(name, changed)
+        seeing = policy.seeing if task is not None else _training_left(policy, of_id, changed)
+        return {"id": name, **_needed(of_id, seeing, changed)}
+    of_id = {} if name is None else arguments_of_id(name)
+    arguments = {key: value for key, value in of_id.items() if key not in DRAWN} | arguments
     if "suite" in changed or "map" in changed:
         arguments.pop("suite", None)
         arguments.pop("map", None)
@@ -184,26 +184,26 @@ def environment_for(
 
 
 def _needed(
-    meant: Mapping[str, Any], given: Mapping[str, Any], changed: Mapping[str, Any]
+    of_id: Mapping[str, Any], seeing: Mapping[str, Any], changed: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the arguments for an environment that somebody wrapped: no more than it needs.
 
     Args:
-        meant: Those that its id stands for, with `changed`.
-        given: Those that a policy brings along.
+        of_id: Those that its id stands for, with `changed`.
+        seeing: Those that a policy brings along.
         changed: Those that replace them.
     """
-    given = {key: value for key, value in given.items() if key not in changed}
-    own, wanted = _comparable(meant), _comparable({**meant, **given})
-    arguments = {key: value for key, value in given.items() if own.get(key) != wanted[key]}
-    place = arguments if {"suite", "map"} & arguments.keys() else meant
+    seeing = {key: value for key, value in seeing.items() if key not in changed}
+    values, trained = _comparable(of_id), _comparable({**of_id, **seeing})
+    arguments = {key: value for key, value in seeing.items() if values.get(key) != trained[key]}
+    place = arguments if {"suite", "map"} & arguments.keys() else of_id
     if place.get("map") is None:
         arguments |= JUDGED
     return {**arguments, **changed}
 
 
 def _training_left(
-    policy: Policy, meant: Mapping[str, Any], changed: Mapping[str, Any]
+    policy: Policy, of_id: Mapping[str, Any], changed: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the arguments of a policy's training that others do not replace.
 
@@ -211,11 +211,11 @@ def _training_left(
 
     Args:
         policy: It was trained in an environment that somebody wrapped.
-        meant: Arguments that the id of that stands for, with `changed`.
+        of_id: Arguments that the id of that stands for, with `changed`.
         changed: Arguments that replace those of the training.
     """
     trained, replaced = policy.environment, {"id", *DRAWN}
-    values = _comparable({**meant, **trained})
+    values = _comparable({**of_id, **trained})
     if {"suite", "map"} & changed.keys():
         replaced |= {"suite", "map"}
     if "difficulty" in changed:
@@ -274,15 +274,17 @@ def evaluate_policy(
     options = dict(arguments)
     arena = Arena.of(options.pop("id", None), options)
     differs = check_fit(policy, arena.parameters, force)
-    own = 1.0 / (1 + RUNS) if twins else 1.0
+    own_share = 1.0 / (1 + RUNS) if twins else 1.0
 
-    episodes_driven = arena.evaluate(policy, episodes, seed, progress=within(progress, 0.0, own))
+    episodes_driven = arena.evaluate(
+        policy, episodes, seed, progress=within(progress, 0.0, own_share)
+    )
     (row,) = make_rows(arena.source.name, {policy.name: episodes_driven}, None, seed)
     beside = None
     if twins:
         beside = drive_twins(
             policy, episodes_driven, arena, seed,
-            within(progress, own, 1.0),
+            within(progress, own_share, 1.0),
         )  # fmt: skip
     return Evaluation(
         row, episodes_driven, arguments, seed, differs, beside, policy.is_code,

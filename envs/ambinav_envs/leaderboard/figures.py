@@ -7,7 +7,7 @@ import io
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,13 @@ class Row(Cells[EpisodeFigure]):
     cells: tuple[Cell[EpisodeFigure], ...]
     score: Interval | None = None
 
+    def to_plain(self) -> dict[str, Any]:
+        """Return the figures and their differences to the baseline for JSON."""
+        return {
+            "figures": {cell.figure.key: plain(cell.value) for cell in self.cells},
+            "differences": {cell.figure.key: plain(cell.difference) for cell in self.cells},
+        }
+
 
 def ratios(above: Floats, below: Floats) -> Floats:
     """Divide numerators by denominators; nan where the denominator is 0."""
@@ -178,12 +185,12 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
 
     The other two layers are ours and theirs in the episodes in which both have a value.
     """
-    own = np.array([figure.parts(ours) for figure in ALL_FIGURES])
-    layers = [own]
+    parts = np.array([figure.parts(ours) for figure in ALL_FIGURES])
+    layers = [parts]
     if theirs is not None:
         other = np.array([figure.parts(theirs) for figure in ALL_FIGURES])
-        both = ((own[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
-        layers += [np.where(both, own, 0.0), np.where(both, other, 0.0)]
+        both = ((parts[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
+        layers += [np.where(both, parts, 0.0), np.where(both, other, 0.0)]
     return np.array([np.vstack(list(layer)).T for layer in layers])
 
 
@@ -204,15 +211,15 @@ def _cells(
             difference = None
             if len(columns) > 1:
                 difference = paired_share(*happened[1:], group=building).scaled(PERCENT)
-            own = share(happened[0], group=building).scaled(PERCENT)
-            cells.append(Cell(figure, own, difference))
+            interval = share(happened[0], group=building).scaled(PERCENT)
+            cells.append(Cell(figure, interval, difference))
             continue
-        own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
+        interval = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
             apart, drawn_apart = (values[1, :, k] - values[2, :, k] for values in (value, over))
             difference = percentiles(apart[0], drawn_apart, counts[1, k])
-        cells.append(Cell(figure, own, difference))
+        cells.append(Cell(figure, interval, difference))
     return tuple(cells)
 
 

@@ -98,12 +98,12 @@ class FrozenBenchmark:
             InputError: it is not the file that the benchmark was committed to.
         """
         try:
-            known = sha256(path)
+            digest = sha256(path)
         except OSError as error:
             raise InputError(f"--secret: {path} cannot be read ({error.strerror}).") from error
-        if known != self.commitment:
+        if digest != self.commitment:
             raise InputError(
-                f"--secret: {path} has the SHA-256 {known[:12]}..., and benchmark v{self.version} "
+                f"--secret: {path} has the SHA-256 {digest[:12]}..., and benchmark v{self.version} "
                 f"is committed to {self.commitment[:12]}...; give the file as it was made."
             )
         return int(json.loads(path.read_text(encoding="utf-8"))["seed"], 16)
@@ -142,7 +142,7 @@ class FrozenBenchmark:
             name, count = str(venue_of_task(task, 1).what), self.episodes
             numbers = range(self.first, self.first + len(self.buildings[name]))
             keys = [f"{name}-{number}" for number in numbers]
-        return [(key, own) for key in keys for own in seeds_of(self.seed, task, key, count)]
+        return [(key, seed) for key in keys for seed in seeds_of(self.seed, task, key, count)]
 
     def _map(self, folder: Path, name: str, digest: str) -> Environment:
         path = folder / name
@@ -219,8 +219,8 @@ def drive(
         bar(1.0)
         columns = episodes.building, seeds, episodes.outcome, episodes.seconds
         driven.setdefault(part, {}).setdefault(task, []).extend(
-            Outcome(str(building), int(own), OUTCOMES[ended], float(seconds), float(score))
-            for building, own, ended, seconds, score in zip(
+            Outcome(str(building), int(episode_seed), OUTCOMES[ended], float(seconds), float(score))
+            for building, episode_seed, ended, seconds, score in zip(
                 *columns, episodes.sct(parameters.robot.max_speed), strict=True
             )
         )

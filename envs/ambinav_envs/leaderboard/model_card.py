@@ -158,11 +158,11 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
         return str(arguments["id"]), str(arguments["id"])
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
-    own = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
+    suite_id = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
     # Who was trained in an earlier version of an id is judged in that of today.
     now = f"{trained.rpartition('-')[0]}-v1"
     here = now if trained not in IDS and now in IDS else trained
-    env_id = here if same else own if own in IDS else NAVIGATION
+    env_id = here if same else suite_id if suite_id in IDS else NAVIGATION
     return env_id, env_id
 
 
@@ -179,8 +179,8 @@ def model_card(name: str, card: Card, judged: Judged) -> str:
     seen = ", ".join(
         f"`{part}` ({box['size']})" for part, box in card.observation.get("parts", {}).items()
     )
-    given = card.action
-    action = f"one of {given['count']}" if "count" in given else f"{given['size']} in [-1, 1]"
+    space = card.action
+    action = f"one of {space['count']}" if "count" in space else f"{space['size']} in [-1, 1]"
     if card.base is not None:
         action += f", by which it corrects {card.base}"
     return f"""---
@@ -272,11 +272,9 @@ def write_model_card(path: Path, evaluation: Path, folder: Path) -> Path:
 def _figures(judged: Judged) -> str:
     rows = []
     for figure in FIGURES:
-        interval, unit = (
-            judged.record["figures"][figure.key],
-            f" ({figure.unit})" * bool(figure.unit),
-        )
+        interval = judged.record["figures"][figure.key]
         if interval is not None:
+            unit = f" ({figure.unit})" if figure.unit else ""
             value, low, high = (f"{interval[end]:.{figure.digits}f}" for end in ENDS)
             rows.append(f"| {figure.title}{unit} | {value} [{low}, {high}] |")
     return "\n".join(rows)

@@ -99,9 +99,9 @@ def rows_of(
         parameters = {m.name: board.parameters(setting, m) for m in board.methods}
         reference = parameters.get(BASELINE, next(iter(parameters.values())))
         episodes = agreeing(results[setting.name], parameters, reference)
-        known = scores[setting.name].scores if setting.name in scores else {}
+        score_of = scores[setting.name].scores if setting.name in scores else {}
         rows += [
-            replace(row, score=known.get(row.method))
+            replace(row, score=score_of.get(row.method))
             for row in make_rows(setting.name, episodes, BASELINE, board.seed)
         ]
     return tuple(rows)
@@ -136,8 +136,7 @@ def document(
                 "setting": row.setting,
                 "method": row.method,
                 "criterion": criterion_text(row, _base(row, rows)),
-                "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
-                "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
+                **row.to_plain(),
                 "reward": row["return"].value.value if row["return"].value.count else None,
                 SCORE: plain(row.score),
             }
@@ -198,9 +197,4 @@ def criterion_text(row: Row, base: Row | None) -> str:
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
-    own = (
-        candidate
-        for candidate in rows
-        if candidate.setting == row.setting and candidate.method == BASELINE
-    )
-    return next(own, None)
+    return next((r for r in rows if (r.setting, r.method) == (row.setting, BASELINE)), None)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.runtime.array_files import read_arrays, write_arrays
 from ambinav.runtime.array_types import Floats
-from ambinav.runtime.files import replacing
 from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:
@@ -79,21 +76,21 @@ class Routes:
         self.layer = layer
         self._odometry, self._start_std = odometry, start_std
         self._planner = planner(choice.planner)
-        self._known: dict[str, Floats | None] = {}
+        self._routes: dict[str, Floats | None] = {}
 
     def plan(self, buildings: Sequence[Building], tasks: Sequence[Task]) -> list[Floats | None]:
         """Return waypoints from start to goal of each task, shape (M, 3); None without a route."""
         items = list(zip(buildings, tasks, strict=True))
         keys = [_key(*item) for item in items]
         both = zip(keys, items, strict=True)
-        todo = {key: item for key, item in both if key not in self._known}
+        todo = {key: item for key, item in both if key not in self._routes}
         for margin in MARGINS:
             if not todo:
                 break
             paths = self._planned(todo, margin)
             todo = {key: item for key, item in todo.items() if paths[key] is None}
-        self._known |= dict.fromkeys(todo)
-        return [self._known[key] for key in keys]
+        self._routes |= dict.fromkeys(todo)
+        return [self._routes[key] for key in keys]
 
     def _robot(self, building: Building, margin: float) -> RoutePlanner:
         """Return the route planner of a building."""
@@ -129,26 +126,18 @@ class Routes:
             for key, item, path in zip(group, chosen, paths, strict=True):
                 if path is not None:
                     # Save at once, so that an interruption does not lose it.
-                    paths_by_key[key] = self._known[key] = item.whole(path)
+                    paths_by_key[key] = self._routes[key] = item.with_ends(path)
         return paths_by_key
 
     def save(self, path: Path) -> None:
         """Write the routes to a file atomically."""
-        arrays = {
-            key: np.empty((0, 3)) if poses is None else poses for key, poses in self._known.items()
-        }
-        with replacing(path) as fresh, fresh.open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        none = np.empty((0, 3))
+        write_arrays(path, {key: none if p is None else p for key, p in self._routes.items()})
 
     def load(self, path: Path) -> None:
         """Read the routes that `save` wrote; ignore a missing or damaged file."""
-        with (
-            contextlib.suppress(OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile),
-            path.open("rb") as file,
-            np.load(file) as stored,
-        ):
-            read = {key: stored[key] for key in stored.files}
-            self._known |= {key: poses if len(poses) else None for key, poses in read.items()}
+        arrays = read_arrays(path) or {}
+        self._routes |= {key: poses if len(poses) else None for key, poses in arrays.items()}
 
 
 def _key(building: Building, task: Task) -> str:
@@ -171,7 +160,7 @@ class _PathRequest:
     start: Floats
     goal: Floats
 
-    def whole(self, path: Floats) -> Floats:
+    def with_ends(self, path: Floats) -> Floats:
         """Return the path from the true start to the true goal."""
         return np.vstack([self.start, path, self.goal])
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import secrets
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ambinav.runtime.files import replacing, sha256
+from ambinav.runtime.array_files import read_arrays, write_arrays
+from ambinav.runtime.files import sha256
 from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.policies.load import code_file
@@ -36,18 +33,10 @@ def code_of(*functions: Callable[..., Any]) -> list[str]:
 
 def save_episodes(episodes: Episodes, path: Path) -> None:
     """Write episodes as .npz atomically."""
-    arrays = {item.name: getattr(episodes, item.name) for item in fields(Episodes)}
-    with replacing(path) as fresh, fresh.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    write_arrays(path, {item.name: getattr(episodes, item.name) for item in fields(Episodes)})
 
 
 def load_episodes(path: Path) -> Episodes | None:
     """Read the output of `save_episodes`; None if there is no such file, or it is damaged."""
-    if not path.is_file():
-        return None
-    try:
-        # Opened here: of a damaged file numpy would leave it open.
-        with path.open("rb") as file, np.load(file) as stored:
-            return Episodes(**{item.name: stored[item.name] for item in fields(Episodes)})
-    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
-        return None
+    arrays = read_arrays(path)
+    return None if arrays is None else Episodes(**arrays)

@@ -221,24 +221,22 @@ def verify(
         InputError: see `read_submission` and `make_record`; or something is lacking or too much.
     """
     record = read_submission(path, frozen)
-    for option, given, wanted in (
+    for option, is_given, is_needed in (
         ("--secret", secret is not None, record["seeds"] == "hidden"),
         ("--recorded", maps is not None, RECORDED in record),
     ):
-        if given is not wanted:
-            how = f"with {option}; give it too" if wanted else f"without {option}; leave it out"
+        if is_given is not is_needed:
+            how = f"with {option}; give it too" if is_needed else f"without {option}; leave it out"
             raise InputError(f"{path}: it was made {how}.")
     entries = _entries_in(record, policies, trust)
-    again = make_record(frozen, entries, begin, secret, maps)
-    return record, first_difference(record, again)
+    rerun = make_record(frozen, entries, begin, secret, maps)
+    return record, first_difference(record, rerun)
 
 
-def _entries_in(record: Record, given: Sequence[str], trust: bool) -> list[Entry]:
-    """Load the policies of a submission; those that it does not contain are among `given`."""
-    entries, others = (
-        [],
-        {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in given)},
-    )
+def _entries_in(record: Record, policies: Sequence[str], trust: bool) -> list[Entry]:
+    """Load the policies of a submission; those that it does not contain are among `policies`."""
+    entries = []
+    others = {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in policies)}
     for policy in record["policies"]:
         tasks, name, checksum = policy["tasks"], policy["name"], policy["sha256"]
         if policy["kind"] == "reactive":

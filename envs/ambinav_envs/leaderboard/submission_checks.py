@@ -58,8 +58,8 @@ def scores_of(tasks: Mapping[str, Sequence[Sequence[Any]]]) -> Record:
 
 def contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
     """Yield what of a submission does not fit the rest, or the benchmark."""
-    rest = {name: value for name, value in record.items() if name != "digest"}
-    if record["digest"] != digest_of(rest):
+    signed = {name: value for name, value in record.items() if name != "digest"}
+    if record["digest"] != digest_of(signed):
         yield "digest contradicts the rest"
     for name in (name for name in record if name not in (*_FIELDS, *PARTS)):
         yield f"{name!r} is no field of a submission"
@@ -103,9 +103,10 @@ def _contradictions_in(part: str, record: Record, frozen: FrozenBenchmark) -> It
     if not public:
         return
     for task, rows in episodes.items():
-        outcomes, wanted = [Outcome(*row) for row in rows], frozen.episodes_of(part, task)
-        if [(outcome.building, outcome.seed) for outcome in outcomes] != wanted:
-            yield f"the {len(rows)} episodes of {task} are not the {len(wanted)} of the benchmark"
+        outcomes = [Outcome(*row) for row in rows]
+        fixed = frozen.episodes_of(part, task)
+        if [(outcome.building, outcome.seed) for outcome in outcomes] != fixed:
+            yield f"the {len(rows)} episodes of {task} are not the {len(fixed)} of the benchmark"
             return
         for outcome in outcomes:
             ends = OUTCOMES[ARRIVED : TIMEOUT + 1]
@@ -117,9 +118,9 @@ def _contradictions_in(part: str, record: Record, frozen: FrozenBenchmark) -> It
         yield "score contradicts the rest"
 
 
-def first_difference(record: Record, again: Record) -> str | None:
+def first_difference(record: Record, rerun: Record) -> str | None:
     """Return a sentence that names the first field whose value is another one here."""
-    for policy, here in zip(record["policies"], again["policies"], strict=True):
+    for policy, here in zip(record["policies"], rerun["policies"], strict=True):
         # The name of a file is anybody's choice, and a large file is known by its digest.
         for name in ("kind", "sha256"):
             if policy[name] != here[name]:
@@ -127,19 +128,18 @@ def first_difference(record: Record, again: Record) -> str | None:
                     f"policy {policy['name']!r}: {name} is {policy[name]} in the file, but "
                     f"{here[name]} here."
                 )
-    for part in (part for part in PARTS if record.get(part) != again.get(part)):
+    for part in (part for part in PARTS if record.get(part) != rerun.get(part)):
         for task, rows in (record[part]["episodes"] or {}).items():
-            for row, here in zip(rows, again[part]["episodes"][task], strict=True):
+            for row, here in zip(rows, rerun[part]["episodes"][task], strict=True):
                 if row != here:
                     return f"{task}, {_difference(Outcome(*row), Outcome(*here))}"
-        for task, own in record[part]["tasks"].items():
-            here = again[part]["tasks"][task]
-            for name in (name for name in own if own[name] != here.get(name)):
-                return (
-                    f"{part}, {task}: {name} is {own[name]} in the file, but {here.get(name)} here."
-                )
+        for task, scores in record[part]["tasks"].items():
+            here = rerun[part]["tasks"][task]
+            for name in (name for name in scores if scores[name] != here.get(name)):
+                stored, fresh = scores[name], here.get(name)
+                return f"{part}, {task}: {name} is {stored} in the file, but {fresh} here."
         for name, value in record[part]["score"].items():
-            here = again[part]["score"][name]
+            here = rerun[part]["score"][name]
             if value != here:
                 return f"{part}: {name} of the score is {value} in the file, but {here} here."
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ambinav.runtime.progress import Progress
+from ambinav.runtime.progress import Progress, step_of
 from ambinav_envs.arena import Arena
 from ambinav_envs.evaluation import EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
@@ -37,17 +37,11 @@ class TwinRuns:
 
     def to_plain(self) -> dict[str, Any]:
         """Return the results for JSON."""
-        rows = {"policy_true_pose": self.twin, "blind": self.blind}
         return {
             "normalized_score": plain(self.scores.scores[OWN]),
             "normalized_by": self.scores.to_plain(),
-            **{
-                name: {
-                    "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
-                    "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
-                }
-                for name, row in rows.items()
-            },
+            "policy_true_pose": self.twin.to_plain(),
+            "blind": self.blind.to_plain(),
         }
 
 
@@ -74,12 +68,9 @@ def drive_twins(
         TRUE_POSE: (blind, steered.changed(**BY_TRUTH)),
     }
     runs = {OWN: episodes}
-    for k, (name, (driver, own)) in enumerate(drivers.items()):
-
-        def report_progress(share: float, done: int = k) -> None:
-            progress((done + share) / RUNS)
-
-        runs[name] = own.evaluate(driver, len(episodes), seed, progress=report_progress)
+    for k, (name, (driver, driver_arena)) in enumerate(drivers.items()):
+        part = step_of(progress, k, RUNS)
+        runs[name] = driver_arena.evaluate(driver, len(episodes), seed, progress=part)
     scores = normalized_scores(
         arena.source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed
     )

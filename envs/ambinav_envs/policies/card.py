@@ -90,9 +90,9 @@ def parse_card(content: bytes) -> Card:
             f"{CARD} is not of format {FORMAT}, which this version of ambinav reads; "
             "install the version that wrote it, or train the policy again."
         )
-    known = [item.name for item in fields(Card)]
+    names = [item.name for item in fields(Card)]
     for key in plain:
-        if key not in known:
+        if key not in names:
             raise InputError(f"{CARD} has the key {key[:80]!r}, which is unknown; save it again.")
     for key in _REQUIRED:
         if key not in plain:
@@ -124,9 +124,9 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     Those of its id, scanner and robot are written out in full, and so is what the policy sees by
     default: files may not be there later, and ids, presets and defaults may change.
     """
-    given = of_id(environment) | dict(environment)
-    seen = seen_in(given)
-    complete = seen | given | {name: seen[name] for name in ("scanner", "robot")}
+    arguments = of_id(environment) | dict(environment)
+    seen = seen_in(arguments)
+    complete = seen | arguments | {name: seen[name] for name in ("scanner", "robot")}
     if "id" in complete:
         complete["id"] = without_own_module(str(complete["id"]))
     return {name: plain_value(value) for name, value in complete.items() if name not in DRAWN}
@@ -173,8 +173,8 @@ def of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
     if spec is None or not is_plain(spec):
         return {}
     replaced = ("task", "suite", "map") if environment.get("map") is not None else ("task",)
-    own = with_task(spec.kwargs)
-    return {name: value for name, value in own.items() if name not in (*DRAWN, *replaced)}
+    arguments = with_task(spec.kwargs)
+    return {name: value for name, value in arguments.items() if name not in (*DRAWN, *replaced)}
 
 
 def plain_value(value: Any) -> Any:
@@ -200,8 +200,8 @@ def _beams(layout: Layout) -> int:
 def _check(card: Card) -> None:
     """Refuse values with types that a card cannot have, and invalid spaces."""
     if card.algorithm not in ALGORITHMS:
-        given = str(card.algorithm)[:80]
-        raise InputError(f"{CARD}: algorithm is {given!r}; {nearest(given, ALGORITHMS)}.")
+        shown = str(card.algorithm)[:80]
+        raise InputError(f"{CARD}: algorithm is {shown!r}; {nearest(shown, ALGORITHMS)}.")
     for name in ("environment", "observation", "action", "versions", "notes", "network"):
         if not isinstance(getattr(card, name), dict):
             raise InputError(f"{CARD}: {name} must be a mapping; train the policy again.")
@@ -210,8 +210,8 @@ def _check(card: Card) -> None:
         if not isinstance(value, kind) or isinstance(value, bool):
             raise InputError(f"{CARD}: {name} is {str(value)[:80]!r}; train the policy again.")
     if card.base is not None and card.base not in BASES:
-        given = str(card.base)[:80]
-        raise InputError(f"{CARD}: base is {given!r}; {nearest(given, BASES)}.")
+        shown = str(card.base)[:80]
+        raise InputError(f"{CARD}: base is {shown!r}; {nearest(shown, BASES)}.")
     # `gymnasium.make` would import a module that an id names.
     name = card.environment.get("id", "")
     if not isinstance(name, str) or name.rpartition(":")[0] not in ("", "ambinav_envs"):
@@ -231,11 +231,11 @@ def _check(card: Card) -> None:
         raise InputError(
             f"{CARD}: observations are rows of numbers, actions one row or a count; save it again."
         )
-    for what, plain in (("observation", card.observation), ("action", card.action)):
+    for part, plain in (("observation", card.observation), ("action", card.action)):
         try:
             space_of(plain)
         except InputError as error:
-            raise InputError(f"{CARD}: {what}: {error}") from error
+            raise InputError(f"{CARD}: {part}: {error}") from error
 
 
 def _refused(constant: str) -> None:

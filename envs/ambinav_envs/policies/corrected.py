@@ -42,8 +42,8 @@ def with_motion(observation_space: spaces.Space[Any]) -> spaces.Space[Any]:
     """Return the observation space of a correction: the environment's parts, and `MOTION`."""
     if not isinstance(observation_space, spaces.Dict):
         return observation_space
-    own = spaces.Box(-1.0, 1.0, (3,), np.float32)
-    return spaces.Dict({**observation_space.spaces, MOTION: own})
+    motion = spaces.Box(-1.0, 1.0, (3,), np.float32)
+    return spaces.Dict({**observation_space.spaces, MOTION: motion})
 
 
 class Corrector:
@@ -130,7 +130,7 @@ class CorrectedPolicy(Policy):
         self.network = network
         self._corrector = Corrector(base)
         self._step = np.zeros(0, np.int64)
-        self._held = np.zeros((0, 2))
+        self._action = np.zeros((0, 2))
 
     def configure(self, parameters: NavigationParameters) -> None:
         """See `Policy`."""
@@ -148,10 +148,10 @@ class CorrectedPolicy(Policy):
         """See `Policy`."""
         seen = self._corrector.see(observations, starts)
         if len(self._step) != len(starts):
-            self._step, self._held = np.zeros(len(starts), np.int64), np.zeros((len(starts), 2))
+            self._step, self._action = np.zeros(len(starts), np.int64), np.zeros((len(starts), 2))
         self._step[starts] = 0
         due = self._step % HOLD == 0
         if due.any():
-            self._held[due] = np.nan_to_num(self.network.act(seen, starts))[due]
+            self._action[due] = np.nan_to_num(self.network.act(seen, starts))[due]
         self._step += 1
-        return self._corrector.steer(observations, starts, self._held)
+        return self._corrector.steer(observations, starts, self._action)

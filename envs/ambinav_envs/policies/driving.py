@@ -126,6 +126,6 @@ def _parameters(
     """Return the parameters of the environment whose observations the policy expects."""
     dt = trained_dt(policy) if rate is None else 1.0 / rate
     common = {"scanner": scanner, "robot": robot, **({} if dt is None else {"dt": dt})}
-    own = {name: policy.environment[name] for name in RULES if name in policy.environment}
+    rules = {name: policy.environment[name] for name in RULES if name in policy.environment}
     layer = policy.environment.get("layer")
-    return NavigationParameters.of(common | policy.seeing | own | {"layer": layer})
+    return NavigationParameters.of(common | policy.seeing | rules | {"layer": layer})

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav.runtime.provenance import code_digest, library_version
+from ambinav.runtime.provenance import code_digest, library_versions
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import CARD, Card, card_text, of_id, parse_card, plain_environment
@@ -136,12 +136,14 @@ def _check_fit(model: ModelPolicy, environment: Mapping[str, Any], base: str | N
         InputError: it could not, or an argument is unknown or has a value of no use.
     """
     names = [item.name for item in fields(NavigationParameters)]
-    known = (*names, *BUILDINGS, "render_mode")
+    allowed = (*names, *BUILDINGS, "render_mode")
     for key in environment:
-        if key not in known:
-            raise InputError(f"environment has the key {key!r}; {nearest(str(key), known)}.")
-    given = of_id(environment) | dict(environment)
-    parameters = NavigationParameters.of({name: given[name] for name in names if name in given})
+        if key not in allowed:
+            raise InputError(f"environment has the key {key!r}; {nearest(str(key), allowed)}.")
+    arguments = of_id(environment) | dict(environment)
+    parameters = NavigationParameters.of(
+        {name: arguments[name] for name in names if name in arguments}
+    )
     policy = model if base is None else CorrectedPolicy(model, base)
     policy.prepare(observation_space(parameters), action_space(parameters))
 
@@ -154,8 +156,8 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
     """
     tensors = {_POLICY + name: values for name, values in policy.weights.items()}
     if policy.normalization is not None:
-        own = policy.normalization.tensors()
-        tensors |= {_NORMALIZATION + name: values for name, values in own.items()}
+        moments = policy.normalization.tensors()
+        tensors |= {_NORMALIZATION + name: values for name, values in moments.items()}
     # It takes the bytes as they lie.
     tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
     content = required("safetensors.numpy").save(tensors)
@@ -226,9 +228,9 @@ def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
     weights: dict[str, NDArray[Any]] = {}
     moments: dict[str, NDArray[Any]] = {}
     for name, values in tensors.items():
-        for prefix, own in ((_POLICY, weights), (_NORMALIZATION, moments)):
+        for prefix, group in ((_POLICY, weights), (_NORMALIZATION, moments)):
             if name.startswith(prefix):
-                own[name.removeprefix(prefix)] = values
+                group[name.removeprefix(prefix)] = values
                 break
         else:
             raise InputError(f"weights: {name[:80]!r} has no place in a policy file.")
@@ -242,6 +244,4 @@ def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    versions = {name: library_version(name) for name in packages}
-    known = {name: version for name, version in versions.items() if version is not None}
-    return {"python": platform.python_version(), **known}
+    return {"python": platform.python_version(), **library_versions(packages)}

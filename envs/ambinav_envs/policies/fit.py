@@ -68,16 +68,16 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
     Raises:
         InputError: the policy's scanner, robot or time step is of no use.
     """
-    own = {
+    arguments = {
         name: policy.environment[name]
         for name in ("scanner", "robot")
         if policy.environment.get(name) is not None
     }
-    trained = NavigationParameters.of(own)
+    trained = NavigationParameters.of(arguments)
     by_kind: dict[str, tuple[str, ...]] = {}
-    if "scanner" in own:
+    if "scanner" in arguments:
         by_kind["scanner"] = tuple(_scanner_differences(trained.scanner, parameters.scanner))
-    if "robot" in own:
+    if "robot" in arguments:
         by_kind["robot"] = tuple(_robot_differences(trained.robot, parameters.robot))
     dt = trained_dt(policy)
     if dt is not None and not _same(dt, parameters.dt):
@@ -87,9 +87,9 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
 
 def trained_dt(policy: Policy) -> float | None:
     """Return the time step of a policy's training, seconds; None: it has none of its own."""
-    given = policy.environment.get("dt")
-    if given is not None:
-        return NavigationParameters.of({"dt": given}).dt
+    dt = policy.environment.get("dt")
+    if dt is not None:
+        return NavigationParameters.of({"dt": dt}).dt
     # What names its scanner was trained, and what it leaves out was as by default.
     is_trained = policy.environment.get("scanner") is not None
     return NavigationParameters().dt if is_trained else None

@@ -98,30 +98,30 @@ def network_of(model: Any) -> dict[str, Any]:
             f"the policy is a {kind.__name__}, which a policy file cannot hold; use "
             f"{' or '.join(_CLASSES[algorithm])}."
         )
-    given = dict(policy._get_constructor_parameters())
-    given["share_features_extractor"] = policy.share_features_extractor
+    arguments = dict(policy._get_constructor_parameters())
+    arguments["share_features_extractor"] = policy.share_features_extractor
     if algorithm == "RecurrentPPO":
         if policy.lstm_kwargs:
             raise InputError("lstm_kwargs cannot be held by a policy file; leave them out.")
-        layers, _, given["lstm_hidden_size"] = policy.lstm_hidden_state_shape
-        given |= {
+        layers, _, arguments["lstm_hidden_size"] = policy.lstm_hidden_state_shape
+        arguments |= {
             "n_lstm_layers": layers,
             "shared_lstm": policy.shared_lstm,
             "enable_critic_lstm": policy.enable_critic_lstm,
         }
     names = (*_COMMON, *_OWN[algorithm])
     # None: not used without use_sde.
-    chosen = {name: given[name] for name in names if given.get(name) is not None}
-    activation = str(getattr(given["activation_fn"], "__name__", given["activation_fn"]))
-    if given["activation_fn"] is not getattr(required("torch").nn, activation, None):
+    chosen = {name: arguments[name] for name in names if arguments.get(name) is not None}
+    activation = str(getattr(arguments["activation_fn"], "__name__", arguments["activation_fn"]))
+    if arguments["activation_fn"] is not getattr(required("torch").nn, activation, None):
         raise InputError(
             f"the activation {activation} cannot be held by a policy file; use one of torch.nn."
         )
     plain = {
-        "net_arch": _plain_arch(given["net_arch"]),
+        "net_arch": _plain_arch(arguments["net_arch"]),
         "activation": activation,
         "features": _features_of(
-            given["features_extractor_class"], given["features_extractor_kwargs"]
+            arguments["features_extractor_class"], arguments["features_extractor_kwargs"]
         ),
         **chosen,
     }
@@ -174,29 +174,29 @@ def build_policy(
         raise InputError(
             f"network: it does not go with the spaces ({type(error).__name__}: {message})."
         ) from error
-    wanted = dict(policy.named_parameters())
-    _check_weights(weights, {name: tuple(tensor.shape) for name, tensor in wanted.items()})
+    expected = dict(policy.named_parameters())
+    _check_weights(weights, {name: tuple(tensor.shape) for name, tensor in expected.items()})
     with torch.no_grad():
-        for name, parameter in wanted.items():
+        for name, parameter in expected.items():
             parameter.copy_(torch.tensor(weights[name]))
     policy.set_training_mode(False)
     return policy
 
 
 def _check_weights(
-    weights: Mapping[str, NDArray[Any]], wanted: Mapping[str, tuple[int, ...]]
+    weights: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> None:
-    for name in wanted:
+    for name in shapes:
         if name not in weights:
             raise InputError(f"weights: {name!r} is missing.")
     for name, array in weights.items():
-        if name not in wanted:
+        if name not in shapes:
             raise InputError(f"weights: {name[:80]!r} has no place in the network.")
         if array.dtype != np.float32:
             raise InputError(f"weights: {name!r} is {array.dtype}, not float32.")
-        if array.shape != wanted[name]:
+        if array.shape != shapes[name]:
             raise InputError(
-                f"weights: {name!r} has the shape {array.shape}, and the network {wanted[name]}."
+                f"weights: {name!r} has the shape {array.shape}, and the network {shapes[name]}."
             )
         if not np.isfinite(array).all():
             raise InputError(f"weights: {name!r} has numbers that are not finite.")
@@ -216,29 +216,31 @@ def _count(
     single = {"observation": observation}
     parts = observation.spaces if isinstance(observation, spaces.Dict) else single
     sizes = {name: int(np.prod(part.shape or (1,))) for name, part in parts.items()}
-    features, own = network.features, 0
+    features, weights = network.features, 0
     if features.kind == "navigation":
-        for name, layers, made in (
+        for name, layers, width_of_part in (
             ("scan", features.scan, features.scan_features),
             ("window", features.window, features.window_features),
         ):
             if name in sizes:
                 # Upper bound of the numbers that a convolution returns.
-                own += made * (6 * (sizes[name] + 8) if layers == "conv" else sizes[name])
-                sizes[name] = made
+                weights += width_of_part * (
+                    6 * (sizes[name] + 8) if layers == "conv" else sizes[name]
+                )
+                sizes[name] = width_of_part
     width = sum(sizes.values())
     memory = network.lstm_hidden_size or 0
     # Four gates, which look at what is seen and at what is remembered.
     recurrent = 4 * memory * (width + memory * (2 * network.n_lstm_layers - 1))
-    given = (
+    actions = (
         int(action.n) if isinstance(action, spaces.Discrete) else int(np.prod(action.shape or ()))
     )
     count, seen = 2 * recurrent, memory or width
     if algorithm == "SAC":
         # Critics, and those that run after them, which see the action too.
-        critic, times, out, count = seen + given, 2 * network.n_critics, 2 * given, 3 * own
+        critic, times, out, count = seen + actions, 2 * network.n_critics, 2 * actions, 3 * weights
     else:
-        critic, times, out, count = seen, 1, 2 * given, count + 2 * own
+        critic, times, out, count = seen, 1, 2 * actions, count + 2 * weights
     arch = network.net_arch
     pi, others = (
         (arch.pi, (arch.vf or (), arch.qf or ())) if isinstance(arch, Branches) else (arch, (arch,))
@@ -293,10 +295,10 @@ def _features_of(kind: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
     for name, extractor in _extractors().items():
         if kind is extractor and (name == "navigation" or not arguments):
             return {"kind": name, **arguments}
-    known = [extractor.__name__ for extractor in _extractors().values()]
+    names = [extractor.__name__ for extractor in _extractors().values()]
     raise InputError(
         f"the features extractor {kind.__name__} with arguments {dict(arguments)!r} cannot be held "
-        f"by a policy file; {nearest(kind.__name__, known)}."
+        f"by a policy file; {nearest(kind.__name__, names)}."
     )
 
 

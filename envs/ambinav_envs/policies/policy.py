@@ -190,7 +190,7 @@ class ModelPolicy(Policy):
         super().__init__(name, environment or {}, code)
         self.model = model
         self.normalization = normalization
-        self._wanted: Plain = described(model.observation_space)
+        self._model_space: Plain = described(model.observation_space)
         self._order: tuple[str, ...] = ()
         self._state: Any = None
 
@@ -198,29 +198,29 @@ class ModelPolicy(Policy):
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
     ) -> None:
         """See `Policy`."""
-        why = misfit(self._wanted, observation_space) or action_misfit(
+        why = misfit(self._model_space, observation_space) or action_misfit(
             described(self.model.action_space), action_space
         )
         if why is not None:
             raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
         single = {ROW: observation_space}
         parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
-        self._order = tuple(self._wanted.get("parts", parts))
+        self._order = tuple(self._model_space.get("parts", parts))
         self._state = None
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
         """See `Policy`."""
         seen = {name: observations[name] for name in self._order}
-        if "parts" not in self._wanted:
+        if "parts" not in self._model_space:
             seen = {ROW: np.concatenate(list(seen.values()), axis=1)}
         if self.normalization is not None:
             seen = self.normalization(seen)
         count = len(starts)
         seen = {name: _padded(part) for name, part in seen.items()}
-        given: Any = seen if "parts" in self._wanted else seen[ROW]
+        model_input: Any = seen if "parts" in self._model_space else seen[ROW]
         with _one_thread():
             actions, self._state = self.model.predict(
-                given, state=self._state, episode_start=_padded(starts), deterministic=True
+                model_input, state=self._state, episode_start=_padded(starts), deterministic=True
             )
         return np.asarray(actions)[:count]
 
@@ -264,20 +264,20 @@ class CallablePolicy(Policy):
     is_code = True
 
     def __init__(self, make: Callable[..., Any], source: str) -> None:
-        wanted = getattr(make, "environment", {})
-        if not isinstance(wanted, Mapping):
+        environment = getattr(make, "environment", {})
+        if not isinstance(environment, Mapping):
             raise InputError(
-                f"policy {source}: its environment is a {type(wanted).__name__}; give a mapping of "
-                "arguments."
+                f"policy {source}: its environment is a {type(environment).__name__}; give a "
+                "mapping of arguments."
             )
-        known = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
-        for key in wanted:
-            if key not in known:
+        allowed = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
+        for key in environment:
+            if key not in allowed:
                 raise InputError(
                     f"policy {source}: its environment has the key {key!r}, which is unknown; "
-                    f"{nearest(str(key), known)}."
+                    f"{nearest(str(key), allowed)}."
                 )
-        super().__init__(source, dict(wanted))
+        super().__init__(source, dict(environment))
         self.make = make
         self._made: Any = None
 
@@ -294,5 +294,5 @@ class CallablePolicy(Policy):
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
         """Return the callable's actions unchecked, see `Policy`; `checked_actions` checks them."""
-        given: Actions = called(self._made.act, self.name, observations, starts)
-        return given
+        actions: Actions = called(self._made.act, self.name, observations, starts)
+        return actions

@@ -112,29 +112,31 @@ def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
     return limits[0] if limits and len(set(limits)) == 1 else limits
 
 
-def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
+def misfit(trained: Plain, space: spaces.Space[Any]) -> str | None:
     """Describe which required observations an environment's space lacks; None if it fits.
 
     Parts that the policy does not know are no harm. One that wants a single row takes all parts,
     one after the other, as in `gymnasium.spaces.flatten`.
 
     Args:
-        wanted: Output of `described`.
+        trained: Output of `described`.
         space: Space of the environment's observations.
     """
-    own = described(space)
-    if "parts" not in wanted:
+    offered = described(space)
+    if "parts" not in trained:
         sizes = (
-            [part["size"] for part in own["parts"].values()] if "parts" in own else [own["size"]]
+            [part["size"] for part in offered["parts"].values()]
+            if "parts" in offered
+            else [offered["size"]]
         )
-        if sum(sizes) == wanted["size"]:
+        if sum(sizes) == trained["size"]:
             return None
         return (
-            f"it wants one row of {wanted['size']} numbers and the environment's parts make "
+            f"it wants one row of {trained['size']} numbers and the environment's parts make "
             f"{sum(sizes)}; make the environment as the policy's card says"
         )
-    parts = own.get("parts", {})
-    for name, part in wanted["parts"].items():
+    parts = offered.get("parts", {})
+    for name, part in trained["parts"].items():
         remedy = REMEDIES.get(name, "make the environment as the policy's card says")
         if name not in parts:
             there = ", ".join(parts) or "one row"
@@ -147,12 +149,12 @@ def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
     return None
 
 
-def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
+def action_misfit(trained: Plain, space: spaces.Space[Any]) -> str | None:
     """Describe which actions of a policy an environment does not accept; None if it fits."""
-    own = described(space)
-    if own.get("count") == wanted.get("count") and own.get("size") == wanted.get("size"):
+    offered = described(space)
+    if offered.get("count") == trained.get("count") and offered.get("size") == trained.get("size"):
         return None
-    return f"it gives {_action(wanted)} and the environment takes {_action(own)}; {_REMEDY}"
+    return f"it gives {_action(trained)} and the environment takes {_action(offered)}; {_REMEDY}"
 
 
 _GREATEST = float(np.finfo(np.float32).max)

@@ -32,13 +32,13 @@ def _font(size: int) -> pygame.font.Font:
 
 
 def text(
-    picture: pygame.Surface, what: str, x: float, y: float, size: int = NORMAL, colour: str = ROBOT
+    picture: pygame.Surface, words: str, x: float, y: float, size: int = NORMAL, colour: str = ROBOT
 ) -> None:
     """Write a line from x on, its middle at y; text that does not fit ends with three dots."""
     font, room = _font(size), picture.get_width() - x - 8
-    shown = what
+    shown = words
     while font.size(shown)[0] > room and len(shown) > 4:
-        shown = shown[: -2 if shown == what else -4] + "..."
+        shown = shown[: -2 if shown == words else -4] + "..."
     line = font.render(shown, True, colour)
     picture.blit(line, (x, y - 0.5 * line.get_height()))
 

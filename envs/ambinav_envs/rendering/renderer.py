@@ -124,10 +124,10 @@ class Renderer:
             marks.box(box)
         for person in simulation.people[row]:
             marks.person(person, p.people.radius)
-        known = LOCALIZERS.index(p.localizer) not in (PERFECT, ODOMETRY)
+        has_covariance = LOCALIZERS.index(p.localizer) not in (PERFECT, ODOMETRY)
         marks.robot(state["truth"], p.robot.radius)
-        marks.belief(state["mean"], state["covariance"] if known else None, p.robot.radius)
-        shown = {"ellipse"} if known else set()
+        marks.belief(state["mean"], state["covariance"] if has_covariance else None, p.robot.radius)
+        shown = {"ellipse"} if has_covariance else set()
         shown |= {"boxes"} if state["boxes"] else set()
         shown |= {"people"} if p.people.count else set()
         shown |= {"unexplored"} if site.building.amap.unmapped.any() else set()

@@ -47,7 +47,7 @@ def draw_disturbances(
     stream: UInts,
     draw: Callable[..., Task],
     tries: int,
-    given: Mapping[str, Any],
+    options: Mapping[str, Any],
 ) -> tuple[Task, Disturbances | None] | None:
     """Draw a task, and the disturbances on it.
 
@@ -57,7 +57,7 @@ def draw_disturbances(
         stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task in a site, from a start if one is given.
         tries: How many tasks are drawn until there is one with a door to close, or with aliases.
-        given: `start` and `goal` of the episode, None where `draw` draws them. An aliased start
+        options: `start` and `goal` of the episode, None where `draw` draws them. An aliased start
             without a goal is drawn again if neither is given; else that is an error.
 
     Returns:
@@ -73,7 +73,7 @@ def draw_disturbances(
     for attempt in range(tries if closing or p.start_aliases else 1):
         # With fewer hypotheses than the start has only where there is nothing else.
         every = attempt < tries // 2
-        task, starts = _attempt(site, p, stream, draw, closing, given, every)
+        task, starts = _attempt(site, p, stream, draw, closing, options, every)
         if task is not None:
             break
     else:
@@ -99,7 +99,7 @@ def _attempt(
     stream: UInts,
     draw: Callable[..., Task],
     closing: bool,
-    given: Mapping[str, Any],
+    options: Mapping[str, Any],
     every: bool,
 ) -> tuple[Task | None, Floats | None]:
     """Draw a task with a door to close and aliases, as asked for; None where it has none."""
@@ -107,13 +107,13 @@ def _attempt(
     try:
         task = draw(site, start)
     except InputError:
-        if start is None or given["start"] is not None or given["goal"] is not None:
+        if start is None or options["start"] is not None or options["goal"] is not None:
             raise
         # No goal is as far from this start as is asked for.
         return None, None
     starts = None
     if p.start_aliases:
-        aliased = _with_aliases(site, p, stream, task, given, every)
+        aliased = _with_aliases(site, p, stream, task, options, every)
         if aliased is None:
             return None, None
         task, starts = aliased
@@ -126,7 +126,7 @@ def _with_aliases(
     p: NavigationParameters,
     stream: UInts,
     task: Task,
-    given: Mapping[str, Any],
+    options: Mapping[str, Any],
     every: bool,
 ) -> tuple[Task, Floats] | None:
     """Return a task that starts at one of several poses, and these with their probabilities.
@@ -140,7 +140,7 @@ def _with_aliases(
         p: See there.
         stream: See there.
         task: From one of the poses.
-        given: See there.
+        options: See there.
         every: Whether none of its aliases may be left out.
 
     Returns:
@@ -150,12 +150,12 @@ def _with_aliases(
     if poses is None:
         return None
     fits = np.ones(len(poses), dtype=np.bool_)
-    if given["goal"] is None:
+    if options["goal"] is None:
         lengths = site.goals.lengths(task)
         metres = np.array([site.lattice.distance(lengths, x, y) for x, y, _ in poses.tolist()])
         fits = (metres >= p.shortest) & (metres <= p.longest)
     tasks: list[Task | None] = [task] * len(poses)
-    if given["start"] is None:
+    if options["start"] is None:
         tasks = [site.goals.restarted(task, pose) for pose in poses]
         fits &= [restarted is not None for restarted in tasks]
     else:
@@ -163,13 +163,13 @@ def _with_aliases(
         fits[0] = True
     if not fits[0] or fits.sum() < (len(poses) if every else 2):
         return None
-    kept = np.flatnonzero(fits)
-    if given["start"] is None:
-        first = int(uniform(stream) * len(kept))
-        kept[[0, first]] = kept[[first, 0]]
-    chosen = tasks[kept[0]]
+    fitting = np.flatnonzero(fits)
+    if options["start"] is None:
+        first = int(uniform(stream) * len(fitting))
+        fitting[[0, first]] = fitting[[first, 0]]
+    chosen = tasks[fitting[0]]
     assert chosen is not None
-    return chosen, hypotheses(poses[kept], p.start_prior, stream)
+    return chosen, hypotheses(poses[fitting], p.start_prior, stream)
 
 
 def no_task(site: Site, p: NavigationParameters) -> InputError:

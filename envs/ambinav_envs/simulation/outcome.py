@@ -25,5 +25,5 @@ class Outcome(NamedTuple):
     @property
     def observation(self) -> dict[str, Floats32]:
         """Enabled parts of the observation by name, shape (N, size)."""
-        own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
-        return own | self.plugged.parts
+        parts = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
+        return parts | self.plugged.parts

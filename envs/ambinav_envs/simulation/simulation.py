@@ -107,7 +107,7 @@ class Simulation:
         self.sites: list[Site | None] = [None] * count
         self.tasks: list[Task | None] = [None] * count
         self._scanner = scanner_arrays(parameters.scanner)
-        self._known = Sites(parameters, self._scanner)
+        self._site_cache = Sites(parameters, self._scanner)
         # For the threads, each of which takes one while it works; by the number of rays, of which
         # cones have more in space.
         self._scratch: defaultdict[int, list[Scratch]] = defaultdict(list)
@@ -119,20 +119,20 @@ class Simulation:
         self._filters: ParticleFilters | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
             self._filters = ParticleFilters(parameters, count)
-        held = parameters.late_steps + 1 if parameters.late_steps else 0
+        late_rows = parameters.late_steps + 1 if parameters.late_steps else 0
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
             np.zeros((count, parameters.people.count, 3)),
             np.zeros((count, parameters.obstacles + (parameters.closed_door > 0.0), 6)),
             np.zeros((count, parameters.scanner.beams)),
-            np.zeros((count, held), dtype=LATE),
+            np.zeros((count, late_rows), dtype=LATE),
             settings_of(parameters),
         )
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the prepared buildings, which unpickling makes again."""
         plain = self.__dict__.copy()
-        plain["_known"] = plain["_plugged"] = None
+        plain["_site_cache"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
@@ -140,13 +140,13 @@ class Simulation:
         """Prepare the buildings again."""
         self.__dict__.update(plain)
         self._plugged = PluggedFunctions(self.parameters)
-        self._known = Sites(self.parameters, self._scanner)
+        self._site_cache = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
             task = self.tasks[i]
             if key is not None and task is not None:
-                self._settle(i, self._known.of(self.source.get(key)), task)
+                self._settle(i, self._site_cache.of(self.source.get(key)), task)
 
     @property
     def state(self) -> NDArray[np.void]:
@@ -219,17 +219,17 @@ class Simulation:
             InputError: an option is unknown or of no use, or the building has no room for the
                 robot, the task or the people.
         """
-        given = _checked(options)
+        checked = _checked(options)
         # First one draw for each robot, so that a refusal advances all random streams alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
-        episodes = [self._draw(own, given) for own in streams]
+        episodes = [self._draw(robot_streams, checked) for robot_streams in streams]
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
-        for i, episode, own in zip(rows, episodes, streams, strict=True):
+        for i, episode, robot_streams in zip(rows, episodes, streams, strict=True):
             self._settle(i, episode.site, episode.task)
             self._set_disturbances(i, episode.disturbances)
             if self._filters is not None:
-                self._filters.seed(i, own[PARTICLES])
+                self._filters.seed(i, robot_streams[PARTICLES])
         self._advance(chosen, BEGIN, out)
         self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
@@ -259,22 +259,22 @@ class Simulation:
             self._advance(chosen, OBSERVE, out)
             self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
-    def _draw(self, streams: UInts, given: Mapping[str, Any]) -> _Episode:
+    def _draw(self, streams: UInts, options: Mapping[str, Any]) -> _Episode:
         """Draw the values of an episode that the options do not set."""
         p = self.parameters
-        building, start, goal = given["building"], given["start"], given["goal"]
+        building, start, goal = options["building"], options["start"], options["goal"]
 
         def draw(site: Site, aliased: Floats | None = None) -> Task:
-            own = aliased if start is None else start
-            return self._plugged.task.draw(site, streams[TASK], p.longest, own, goal)
+            fixed_start = aliased if start is None else start
+            return self._plugged.task.draw(site, streams[TASK], p.longest, fixed_start, goal)
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
-            site = self._known.of(
+            site = self._site_cache.of(
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
-            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, given)
+            drawn = draw_disturbances(site, p, streams[TASK], draw, tries, options)
             if drawn is not None:
                 break
         else:
@@ -285,10 +285,10 @@ class Simulation:
         """Assign robot i to a building and a goal."""
         before = self.sites[i]
         if before is not None:
-            before.held.release(int(self.state["slot"][i]))
+            before.costs_to_go.release(int(self.state["slot"][i]))
         self.sites[i], self.tasks[i] = site, task
         self._numbers[i] = site.number
-        self.state["slot"][i] = site.held.hold(task.cost_to_go)
+        self.state["slot"][i] = site.costs_to_go.hold(task.cost_to_go)
 
     def _set_disturbances(self, i: int, disturbances: Disturbances | None) -> None:
         """Write the disturbances of robot i to the record of its starting episode."""
@@ -380,7 +380,7 @@ class Simulation:
             pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]
         for record, robots in pieces:
             full = advance(
-                record, site.held.arrays, self._scanner, self._memory, out.view, out.figures,
+                record, site.costs_to_go.arrays, self._scanner, self._memory, out.view, out.figures,
                 actions, rows, robots, scratch,
             )  # fmt: skip
             if full >= 0:
@@ -409,9 +409,11 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return every option, None where it is not given."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"reset: options is {options!r}; give a mapping.")
-    given: dict[str, Any] = dict.fromkeys(OPTIONS)
+    checked: dict[str, Any] = dict.fromkeys(OPTIONS)
     for name, value in (options or {}).items():
-        if name not in given:
-            raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
-        given[name] = value
-    return given
+        if name not in checked:
+            raise InputError(
+                f"reset: the option {name!r} is unknown; {nearest(str(name), checked)}."
+            )
+        checked[name] = value
+    return checked

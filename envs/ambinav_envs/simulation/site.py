@@ -52,7 +52,7 @@ class Site:
         record: The kernels' data of the map.
         truth: The kernels' data of the world; None where that is the map.
         mesh_scan: Simulated scanner in a mesh; None elsewhere, where kernels simulate it.
-        held: Costs to go of the goals that robots drive to.
+        costs_to_go: Costs to go of the goals that robots drive to.
         particles: Data of the particle filters; None without them.
     """
 
@@ -83,7 +83,7 @@ class Site:
         space = building.environment.space
         if isinstance(space, Mesh):
             self.mesh_scan = MeshScan(building.environment, space, parameters.scanner, scanner)
-        self.held = CostToGoTable(self.world.lattice)
+        self.costs_to_go = CostToGoTable(self.world.lattice)
         self.particles: ParticleMap | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
             self.particles = particle_map(building.environment, parameters)

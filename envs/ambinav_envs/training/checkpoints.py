@@ -108,7 +108,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
 
 
 def _remedy(path: Path, config: Training) -> str:
-    """Say how to proceed without a checkpoint."""
+    """Return advice on how to go on without this checkpoint."""
     needed = [MODEL, MEMORY, COUNTERS, *([REPLAY] if config.algorithm == "sac" else [])]
     for other in reversed(checkpoints(path.parent)):
         if other != path and all((other / name).is_file() for name in needed):

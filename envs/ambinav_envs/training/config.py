@@ -161,8 +161,8 @@ class Training(ConfigModel):
         return self
 
     def _arguments(self) -> dict[str, dict[str, Any]]:
-        own = self.evaluation.environment or {}
-        return {"environment": self.environment, "evaluation.environment": own}
+        evaluation = self.evaluation.environment or {}
+        return {"environment": self.environment, "evaluation.environment": evaluation}
 
     @property
     def given(self) -> dict[str, Any]:
@@ -182,5 +182,5 @@ class Training(ConfigModel):
     @property
     def judged_apart(self) -> dict[str, Any]:
         """Arguments of the evaluation environment that differ from the training's."""
-        own = self.evaluation.environment or {}
-        return ({} if "map" in self.arguments | own else DRAWN_APART) | own
+        evaluation = self.evaluation.environment or {}
+        return ({} if "map" in self.arguments | evaluation else DRAWN_APART) | evaluation

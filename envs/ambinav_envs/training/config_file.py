@@ -108,8 +108,10 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
                     f"{where}: curriculum[{i}].longest is {stage.longest:g}; give more than the "
                     f"environment's shortest, {parameters.shortest:g}."
                 )
-    (seen, given), (judged_seen, judged_given) = spaces
-    why = misfit(described(seen), judged_seen) or action_misfit(described(given), judged_given)
+    (observations, actions), (judged_observations, judged_actions) = spaces
+    why = misfit(described(observations), judged_observations) or action_misfit(
+        described(actions), judged_actions
+    )
     if why is not None:
         raise InputError(f"{where}: evaluation.environment does not fit that of training: {why}.")
     if config.arguments.get("map") is None and config.judged.get("map") is None:

@@ -87,6 +87,6 @@ class CorrectedVecEnv(VecEnvWrapper):
         return seen, rewards, ended, full_infos
 
     def _observed(self, observations: Any) -> VecEnvObs:
-        own = {name: part.copy() for name, part in observations.items()}
-        self._seen = dict(self._corrector.see(own, self._starts))
+        copies = {name: part.copy() for name, part in observations.items()}
+        self._seen = dict(self._corrector.see(copies, self._starts))
         return dict(self._seen)

@@ -16,7 +16,7 @@ import ambinav
 from ambinav.maps.content_digest import environment_digest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
-from ambinav.runtime.provenance import code_digest, library_version
+from ambinav.runtime.provenance import code_digest, library_versions
 from ambinav.runtime.runfolder import LOCK, RunFolder
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.scenario import source_of
@@ -81,9 +81,7 @@ def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that a training depends on."""
-    versions_by_name = {name: library_version(name) for name in _PACKAGES}
-    known = {name: version for name, version in versions_by_name.items() if version is not None}
-    return {"python": platform.python_version(), **known}
+    return {"python": platform.python_version(), **library_versions(_PACKAGES)}
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:

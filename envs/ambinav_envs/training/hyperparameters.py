@@ -50,12 +50,12 @@ _MAY_BE_NONE = ("clip_range_vf", "target_kl")
 _MAY_BE_AUTO = ("ent_coef", "target_entropy")
 
 
-def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> dict[str, Any]:
+def hyperparameters_of(algorithm: str, values: Mapping[str, Any], envs: int) -> dict[str, Any]:
     """Return all hyperparameters of an algorithm, with defaults for those not given.
 
     Args:
         algorithm: One of `DEFAULTS`.
-        given: By the names of Stable-Baselines3. Where PPO's batch size is not among them, it is
+        values: By the names of Stable-Baselines3. Where PPO's batch size is not among them, it is
             the greatest up to the default that divides a rollout, n_steps times envs.
         envs: How many environments are trained in.
 
@@ -63,14 +63,14 @@ def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> d
         InputError: a name is unknown (the nearest is offered), or a value makes no sense.
     """
     defaults = DEFAULTS[algorithm]
-    for name in given:
+    for name in values:
         if name not in defaults:
             raise InputError(f"hyperparameters: {name!r} is unknown; {nearest(name, defaults)}.")
     chosen = {
-        name: _checked(name, given.get(name, default), algorithm)
+        name: _checked(name, values.get(name, default), algorithm)
         for name, default in defaults.items()
     }
-    if "n_epochs" in chosen and "batch_size" not in given:
+    if "n_epochs" in chosen and "batch_size" not in values:
         rollout = chosen["n_steps"] * envs
         most = min(chosen["batch_size"], rollout)
         # A prime number of steps is one batch: batches of one step cannot be normalized.

@@ -71,8 +71,8 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
 def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
     """Load a model saved with `model.save`; the environments keep their state."""
     kind = algorithm_of(config.algorithm)
-    given = _hyperparameters(config)
-    changing = {name: given[name] for name in SCHEDULED[config.algorithm]}
+    hyperparameters = _hyperparameters(config)
+    changing = {name: hyperparameters[name] for name in SCHEDULED[config.algorithm]}
     return kind.load(path, env=envs, device="cpu", force_reset=False, **changing)
 
 
@@ -100,8 +100,8 @@ def network(config: Training) -> dict[str, Any]:
 
 def schedules(model: Any) -> list[LinearSchedule]:
     """Return the hyperparameters of a model that change over the training."""
-    held = (model.learning_rate, getattr(model, "clip_range", None))
-    inner = (getattr(value, "value_schedule", value) for value in held)
+    rates = (model.learning_rate, getattr(model, "clip_range", None))
+    inner = (getattr(value, "value_schedule", value) for value in rates)
     return [schedule for schedule in inner if isinstance(schedule, LinearSchedule)]
 
 

@@ -108,13 +108,13 @@ class Run:
             # A checkpoint from before Stable-Baselines3 stored them.
             self.model.ep_success_buffer = deque(counters["stage"], RECENT)
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
-        given = config.given | config.judged_apart
-        self._judged = Arena.of(config.environment["id"], given)
+        arguments = config.given | config.judged_apart
+        self._judged = Arena.of(config.environment["id"], arguments)
         self._check_evaluation()
         self._longest = source_of(config.arguments)[1].longest
         self._last: Figures | None = None
         self._clock = time.perf_counter()
-        self._whole = True
+        self._is_between_rounds = True
         self._begin(command)
 
     def _check_evaluation(self) -> None:
@@ -189,14 +189,14 @@ class Run:
             self._after_round()
             while self.share < 1.0:
                 with holding_interrupts():
-                    self._whole = False
+                    self._is_between_rounds = False
                     rate = self._round()
-                    self._whole = True
+                    self._is_between_rounds = True
                 self._after_round(rate)
             return self._end()
         except BaseException:
             # A second interrupt does not wait for the end of a round, whose beginning is lost.
-            if self._whole:
+            if self._is_between_rounds:
                 self._checkpoint()
             raise
         finally:
@@ -207,16 +207,16 @@ class Run:
     def _prepare(self) -> None:
         """Build the maps before training, so that time limits do not depend on which are stored."""
         sources = [self.envs.simulation.source, self._judged.source]
-        wanted = [
+        requests = [
             (source, source.first + k)
             for source in sources
             if source.count is not None and source.count <= PREPARED
             for k in range(source.count)
         ]
-        for done, (source, number) in enumerate(wanted):
+        for done, (source, number) in enumerate(requests):
             steps = int(self.model.num_timesteps)
             self._callback(
-                TrainingStatus(done / len(wanted), steps, math.nan, None, None, preparing=True)
+                TrainingStatus(done / len(requests), steps, math.nan, None, None, preparing=True)
             )
             source.get(number).amap  # noqa: B018 - made when it is asked for
 
@@ -252,10 +252,10 @@ class Run:
             self._checkpoint()
         self._callback(TrainingStatus(share, steps, rate, self._last, judged))
 
-    def _schedule_next(self, what: str) -> None:
+    def _schedule_next(self, event: str) -> None:
         """Schedule the next time of the periodic work."""
-        period = self._periods()[what]
-        self._next[what] = (int(self.model.num_timesteps) // period + 1) * period
+        period = self._periods()[event]
+        self._next[event] = (int(self.model.num_timesteps) // period + 1) * period
 
     def _row(self, rate: float, judged: Figures | None) -> None:
         """Add a row to the table of progress."""

@@ -45,11 +45,11 @@ class TrainingEnvs:
         inner = envs if self._corrected is None else self._corrected
         self.monitor = VecMonitor(inner, info_keywords=REPORTED)
         self.normalize: VecNormalize | None = None
-        wanted = config.normalize
-        if wanted.observations or wanted.reward:
+        norm = config.normalize
+        if norm.observations or norm.reward:
             gamma = config.hyperparameters["gamma"]
             self.normalize = VecNormalize(
-                self.monitor, norm_obs=wanted.observations, norm_reward=wanted.reward, gamma=gamma
+                self.monitor, norm_obs=norm.observations, norm_reward=norm.reward, gamma=gamma
             )
         if state is not None:
             self.monitor.episode_returns, self.monitor.episode_lengths = state["episodes"]

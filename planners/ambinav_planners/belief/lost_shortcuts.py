@@ -97,7 +97,7 @@ def _metres(
 
 def _without(points: Floats, begins: list[int], span: int) -> Floats:
     """Return the points but those inside of the parts that begin at some of them."""
-    kept = np.ones(len(points), dtype=np.bool_)
+    keeps = np.ones(len(points), dtype=np.bool_)
     for at in begins:
-        kept[at + 1 : at + span] = False
-    return points[kept]
+        keeps[at + 1 : at + span] = False
+    return points[keeps]

@@ -68,28 +68,28 @@ class _Vertices:
             stale = np.ones(len(route), dtype=np.bool_)
             for turn in range(2 * ROUNDS):
                 inner = np.arange(1 + turn % 2, len(route) - 1, 2)
-                some = inner[stale[inner]]
-                if len(some):
-                    places, needless = self._best(route, some, reach)
-                    moved = some[needless | (places != route[some]).any(axis=1)]
-                    route[some], stale[some] = places, False
+                vertices = inner[stale[inner]]
+                if len(vertices):
+                    places, needless = self._best(route, vertices, reach)
+                    moved = vertices[needless | (places != route[vertices]).any(axis=1)]
+                    route[vertices], stale[vertices] = places, False
                     stale[np.concatenate([moved - 1, moved, moved + 1])] = True
-                    route = np.delete(route, some[needless], axis=0)
-                    stale = np.delete(stale, some[needless])
+                    route = np.delete(route, vertices[needless], axis=0)
+                    stale = np.delete(stale, vertices[needless])
                 if not stale[1:-1].any():
                     break
         return route
 
-    def _best(self, route: Floats, some: Indices, reach: float) -> tuple[Floats, Bools]:
+    def _best(self, route: Floats, vertices: Indices, reach: float) -> tuple[Floats, Bools]:
         """Return the best places around some vertices, (K, 3), and which are not needed, (K,)."""
         count = len(_AROUND) + 1
-        places = route[some, np.newaxis] + reach * np.concatenate([np.zeros((1, 3)), _AROUND])
+        places = route[vertices, np.newaxis] + reach * np.concatenate([np.zeros((1, 3)), _AROUND])
         flat = places.reshape(-1, 3)
-        before, after = (np.repeat(route[some + side], count, axis=0) for side in (-1, 1))
+        before, after = (np.repeat(route[vertices + side], count, axis=0) for side in (-1, 1))
         costs = (self._costs(before, flat) + self._costs(flat, after)).reshape(-1, count)
-        best, each = costs.argmin(axis=1), np.arange(len(some))
+        best, each = costs.argmin(axis=1), np.arange(len(vertices))
         best[~(costs[each, best] < costs[:, 0] * (1.0 - ENOUGH))] = 0
-        straight = self._costs(route[some - 1], route[some + 1])
+        straight = self._costs(route[vertices - 1], route[vertices + 1])
         return places[each, best], straight <= costs[each, best] * (1.0 + ENOUGH)
 
     def _costs(self, a: Floats, b: Floats) -> Floats:

@@ -71,8 +71,8 @@ def channel_poses(
     fall, direction = decreases(grid, points, here, step)
     middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
-    points, kept = _distinct(points[middle], 0.25 * step)
-    here, direction = here[middle][kept], direction[middle][kept]
+    points, index = _distinct(points[middle], 0.25 * step)
+    here, direction = here[middle][index], direction[middle][index]
     # A channel bends: a motion between points of its middle needs some room, or points that stand
     # closer.
     tight = here < radius + TIGHT * step

@@ -75,8 +75,8 @@ def corridor(
     best, come = searched(least, 1.0 + slack)
     if not math.isfinite(best):
         return None
-    kept = _search_back(*lattice.into, *costs, come, to_goal, (1.0 + slack) * best)
-    return joined(graph.part(kept), more.part(np.append(kept, [True, True]))), best
+    is_within = _search_back(*lattice.into, *costs, come, to_goal, (1.0 + slack) * best)
+    return joined(graph.part(is_within), more.part(np.append(is_within, [True, True]))), best
 
 
 @kernel

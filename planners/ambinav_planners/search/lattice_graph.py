@@ -156,12 +156,12 @@ def lattice_of(
     service: AmbiguityService, checker: CollisionChecker, parts: int = 1
 ) -> LatticeGraph:
     """Return the lattice graph of a service and checker, built once for all weights."""
-    kept = _lattices.setdefault(checker, [])
-    for lattice in kept:
+    lattices = _lattices.setdefault(checker, [])
+    for lattice in lattices:
         if lattice.parts == parts and _same_but_weight(lattice.service, service):
             return lattice
-    kept.append(LatticeGraph.build(service, checker, parts))
-    return kept[-1]
+    lattices.append(LatticeGraph.build(service, checker, parts))
+    return lattices[-1]
 
 
 def _same_but_weight(a: AmbiguityService, b: AmbiguityService) -> bool:

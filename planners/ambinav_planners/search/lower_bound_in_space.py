@@ -45,43 +45,43 @@ def lower_bound_in_space(
     checker: SphereChecker,
     start: Place,
     goal: Place,
-    known: float,
+    most: float,
     gap: float,
     cells: int,
 ) -> tuple[float, float]:
     """Return a lower bound of the cost of all paths, and the edge of the finest cells, metres.
 
     The edge is 0 where the straight line says enough, as it does of nearly straight ways along
-    which the cost per metre changes little, and where `known` is below a millimetre.
+    which the cost per metre changes little, and where `most` is below a millimetre.
 
     Args:
         service: Service for the cost per metre; paths stay between the heights of its volume.
         checker: Checker of the robot's body.
         start: x, y, z, metres.
         goal: The same.
-        known: Cost of a path, metres-equivalent; the bound is at most that.
-        gap: Share of `known` below which the bound is good enough.
+        most: Cost of a path, metres-equivalent; the bound is at most that.
+        gap: Share of `most` below which the bound is good enough.
         cells: No grid with more open cells than these is begun after the first one, which is made
             coarser where it would have more than eight times as many.
     """
     ends = (goal[1], goal[0], goal[2]), (start[1], start[0], start[2])
-    line = _bound_of_line(service, *ends, known)
-    if line >= (1.0 - gap) * known or known < TINY:
+    line = _bound_of_line(service, *ends, most)
+    if line >= (1.0 - gap) * most or most < TINY:
         return line, 0.0
 
     def bounds_on(grid: ProofGrid) -> Callable[[ProofGrid, int], Floats]:
         price = _price(grid.axes, service)
-        return lambda part, iterations: _bounds(part, price, ends, known, iterations)
+        return lambda part, iterations: _bounds(part, price, ends, most, iterations)
 
     first = _reached(service, checker, ends[1], cells)
     bound, grid = prove(
         first, lambda grid: grid.open_cells if grid is first else _met(grid, checker), bounds_on,
-        ends, known, gap, cells, first=FIRST_ROUNDS, carried=CARRIED,
+        ends, most, gap, cells, first=FIRST_ROUNDS, carried=CARRIED,
     )  # fmt: skip
     return max(bound, line), max(grid.edges)
 
 
-def _bound_of_line(service: VolumeService, goal: Place, start: Place, known: float) -> float:
+def _bound_of_line(service: VolumeService, goal: Place, start: Place, most: float) -> float:
     """Return a lower bound by the straight line at the lowest cost per metre near to it.
 
     A path of no more than the known cost is no longer than that at the lowest cost per metre, and
@@ -92,14 +92,14 @@ def _bound_of_line(service: VolumeService, goal: Place, start: Place, known: flo
         service: Service for the cost per metre.
         goal: y, x, z, metres.
         start: The same.
-        known: Cost of a path.
+        most: Cost of a path.
     """
     lattice = [service.volume.dataset[name].values.astype(np.float64) for name in "yxz"]
     apart, length = np.array(goal) - np.array(start), math.dist(start, goal)
     along = np.square(apart / length) if length > 0.0 else np.zeros(3)
     middle, least = np.array(start) + 0.5 * apart, float(service.density.min())
     for _ in range(BOXES):
-        longest = max(known / least, length)
+        longest = max(most / least, length)
         half = 0.5 * np.sqrt(longest**2 - (1.0 - along) * length**2)
         low, high = middle - half, middle + half
         # Linear along each axis between the lattice's points, costs are least at one of these.
@@ -108,7 +108,7 @@ def _bound_of_line(service: VolumeService, goal: Place, start: Place, known: flo
             for values, a, b in zip(lattice, low, high, strict=True)
         ]
         least = float(_price(axes, service).min())
-    return min(known, least * length * (1.0 - ROUNDING))
+    return min(most, least * length * (1.0 - ROUNDING))
 
 
 def are_apart(service: VolumeService, checker: SphereChecker, start: Place, goal: Place) -> bool:
@@ -142,11 +142,11 @@ def _parts(
     pitch = np.array([volume.spacing, volume.spacing, volume.step])
     # Places may be half a cell beside the outermost centres of cells, but between the heights.
     beside = np.array([1, 1, 0])
-    whole = np.array([len(values) - 1 for values in axes]) + 2 * beside
+    cells_of_axis = np.array([len(values) - 1 for values in axes]) + 2 * beside
     size = _sizes(checker)
     while True:
         parts = np.ceil(pitch / size - 1e-9).astype(np.int64)
-        if 8.0 * math.prod((whole * parts).tolist()) <= most or (parts == 1).all():
+        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= most or (parts == 1).all():
             break
         size = size * math.cbrt(2.0)
     origin = np.array([values[0] for values in axes], dtype=np.float64) - beside * pitch
@@ -154,7 +154,7 @@ def _parts(
         ProofGrid(
             tuple(origin.tolist()),
             tuple((pitch / (parts * more)).tolist()),
-            np.ones(whole * parts * more, dtype=np.bool_),
+            np.ones(cells_of_axis * parts * more, dtype=np.bool_),
             np.empty(0),
         )
         for more in (1, 2)
@@ -213,11 +213,11 @@ def _price(axes: Sequence[Floats], service: VolumeService) -> Floats:
 
 
 def _bounds(
-    grid: ProofGrid, price: Floats, places: tuple[Place, ...], known: float, iterations: int
+    grid: ProofGrid, price: Floats, places: tuple[Place, ...], most: float, iterations: int
 ) -> Floats:
     """Return lower bounds of costs to the first place and from the second.
 
-    Beyond `known` they are about as much. The grid keeps by how much they differ from upwind costs.
+    Beyond `most` they are about as much. The grid keeps by how much they differ from upwind costs.
     """
     bounds = np.empty_like(grid.kept)
     cells = np.array(np.nonzero(grid.open_cells))
@@ -226,15 +226,15 @@ def _bounds(
     def compute(low: int, high: int) -> None:
         for k in range(low, high):
             seeds = np.arange(price.size).reshape(price.shape)[grid.block(places[k])].ravel()
-            upwind = upwind_costs_in_space(price, step, grid.open_cells, seeds, known)
-            upwind = np.minimum(upwind, known)
+            upwind = upwind_costs_in_space(price, step, grid.open_cells, seeds, most)
+            upwind = np.minimum(upwind, most)
             to_coefficients_in_space(upwind, price, step)
             cost = grid.kept[k] + upwind
             relax_in_space(cost, price, step, cells, iterations)
             grid.kept[k] = cost - upwind
-            cost = cost.clip(0.0, known)
-            worst = steepness_in_space(cost, price, step, cells, known, BINS)
-            cost = flattened(cost, worst, known)
+            cost = cost.clip(0.0, most)
+            worst = steepness_in_space(cost, price, step, cells, most, BINS)
+            cost = flattened(cost, worst, most)
             bounds[k] = cost - grid.at(cost, places[k])
 
     share(compute, 2)

@@ -95,13 +95,13 @@ class ProofGrid:
 
     def at(self, values: Floats, place: Place) -> float:
         """Return the function with Bernstein coefficients at the vertices at a place."""
-        found = values[self.block(place)]
+        block = values[self.block(place)]
         for value, first, edge, index in zip(
             place, self.origin, self.edges, self.cell(place), strict=True
         ):
             w = (value - first) / edge - index
-            found = np.tensordot(np.array([(1.0 - w) ** 2, 2.0 * w * (1.0 - w), w * w]), found, 1)
-        return float(found)
+            block = np.tensordot(np.array([(1.0 - w) ** 2, 2.0 * w * (1.0 - w), w * w]), block, 1)
+        return float(block)
 
     def least(self, values: Floats) -> Floats:
         """Return the least coefficient of each cell: its function is nowhere lower."""
@@ -127,7 +127,7 @@ def prove(
     met_by_paths: Callable[[ProofGrid], Bools],
     bounds_on: Callable[[ProofGrid], Callable[[ProofGrid, int], Floats]],
     places: tuple[Place, Place],
-    known: float,
+    most: float,
     gap: float,
     cells: int,
     *,
@@ -142,8 +142,8 @@ def prove(
         bounds_on: Returns for a grid what computes bounds on it in so many iterations: lower
             bounds of the costs to the first place and from the second, at the vertices.
         places: Goal and start.
-        known: Cost of a path; the bound is at most that.
-        gap: Share of `known` below which the bound is good enough.
+        most: Cost of a path; the bound is at most that.
+        gap: Share of `most` below which the bound is good enough.
         cells: No grid with more open cells than these is begun.
         first: Iterations on the first grid, as `ROUNDS`.
         carried: Share of what a grid has kept that the next one begins with.
@@ -155,24 +155,24 @@ def prove(
         for iterations in rounds:
             bounds = compute(grid, iterations)
             best = max(best, *(grid.at(bounds[k], places[1 - k]) for k in (0, 1)))
-            if best >= (1.0 - gap) * known:
-                return min(best, known), grid
+            if best >= (1.0 - gap) * most:
+                return min(best, most), grid
             least = grid.least(bounds[0] + bounds[1])
-            near = grid.open_cells & (least <= known * (1.0 + ROUNDING))
+            near = grid.open_cells & (least <= most * (1.0 + ROUNDING))
             grid = replace(grid, open_cells=near)
         if not near.any() or 2**near.ndim * np.count_nonzero(near) > cells:
             break
         grid = grid.halved(carried)
-    return min(best, known), grid
+    return min(best, most), grid
 
 
-def flattened(cost: Floats, worst: Floats, known: float) -> Floats:
+def flattened(cost: Floats, worst: Floats, most: float) -> Floats:
     """Return costs with their ranges compressed where the gradient is too steep.
 
     Args:
-        cost: From 0 to `known`.
+        cost: From 0 to `most`.
         worst: By what each of B even ranges is to be compressed, (B,), see `steepness`.
-        known: The end of the last range.
+        most: The end of the last range.
     """
-    flat = np.concatenate([[0.0], np.cumsum((known / len(worst)) / worst)])
-    return np.interp(cost, np.linspace(0.0, known, len(worst) + 1), flat * (1.0 - ROUNDING))
+    flat = np.concatenate([[0.0], np.cumsum((most / len(worst)) / worst)])
+    return np.interp(cost, np.linspace(0.0, most, len(worst) + 1), flat * (1.0 - ROUNDING))

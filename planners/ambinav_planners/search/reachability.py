@@ -70,12 +70,12 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
     """
     if checker.steering.space == "r2" and checker.footprint.is_disc:
         return checker
-    kept = _planar.get(checker)
-    if kept is None:
+    checker_of_disc = _planar.get(checker)
+    if checker_of_disc is None:
         disc = Footprint.disc(checker.footprint.inner)
-        kept = checker.for_robot(disc, Steering("r2"))
-        _planar[checker] = kept
-    return kept
+        checker_of_disc = checker.for_robot(disc, Steering("r2"))
+        _planar[checker] = checker_of_disc
+    return checker_of_disc
 
 
 def check_reachable(problem: Problem) -> None:

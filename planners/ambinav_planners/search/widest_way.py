@@ -94,17 +94,17 @@ def _closer(geometry: Environment, path: Floats, k: int, spacing: float) -> Narr
     ends = (int(wide[i - 1]) if i > 0 else 0), (int(wide[i]) if i < len(wide) else j)
     if np.prod(np.ptp(path[ends[0] : ends[1] + 1], axis=0) / spacing + 2 * AROUND) > MOST:
         ends = max(k - AROUND, 0), min(k + AROUND, j)
-    some = path[ends[0] : ends[1] + 1]
+    points = path[ends[0] : ends[1] + 1]
     reach = (AROUND + 1) * spacing
-    (xmin, ymin), (xmax, ymax) = some.min(axis=0) - reach, some.max(axis=0) + reach
+    (xmin, ymin), (xmax, ymax) = points.min(axis=0) - reach, points.max(axis=0) + reach
     box = xmin, ymin, xmax, ymax
-    fine = _Lattice.within(geometry, some[0], some[-1], box, spacing / FINER)
+    fine = _Lattice.within(geometry, points[0], points[-1], box, spacing / FINER)
     way = fine.way(fine.clearance)
     if way is not None:
-        some = fine.points[way]
-    clearance = np.asarray(geometry.clearance(*some.T))
+        points = fine.points[way]
+    clearance = np.asarray(geometry.clearance(*points.T))
     k = int(clearance.argmin())
-    return Narrowest(float(some[k, 0]), float(some[k, 1]), 2.0 * float(clearance[k]))
+    return Narrowest(float(points[k, 0]), float(points[k, 1]), 2.0 * float(clearance[k]))
 
 
 class _Lattice(NamedTuple):

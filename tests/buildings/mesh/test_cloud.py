@@ -347,7 +347,7 @@ def test_a_missing_package_is_named(
     path.touch()
     found = importlib.util.find_spec
     monkeypatch.setattr(
-        "ambinav.buildings.mesh.cloud_scans.find_spec",
+        "ambinav.runtime.packages.find_spec",
         lambda name: None if name == package else found("json"),
     )
     with pytest.raises(InputError, match=rf'needs {package}; run: pip install "ambinav\[clouds\]"'):

@@ -168,7 +168,7 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
 def test_without_minari_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import ambinav.cli.packages as packages
+    import ambinav.runtime.packages as packages
 
     there = packages.find_spec
     monkeypatch.setattr(
@@ -176,7 +176,7 @@ def test_without_minari_it_says_what_to_install(
     )
     done = run("-o", str(tmp_path / "sets"))
     assert done.exit_code == 2 and 'pip install "ambinav[minari]"' in done.stderr
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(packages, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"ambinav\[minari\]"):
         record_datasets([], HALL, {}, 1, 0, tmp_path / "sets")
 

@@ -124,8 +124,8 @@ def choose(
     check_beams(scanner)
 
     def measured(beams: Kept) -> Subset:
-        kept = tuple(sorted(beams))
-        return Subset(kept, _loss(samples, kept), _loss(checks, kept))
+        indices = tuple(sorted(beams))
+        return Subset(indices, _loss(samples, indices), _loss(checks, indices))
 
     by_method: dict[str, list[Subset]] = {"even": [], "greedy": []}
     fewest: dict[str, int | None] = dict.fromkeys(by_method)
@@ -152,7 +152,9 @@ def choose(
     if len(chosen.beams) == scanner.beams:
         method = "all"
     draws = tuple(
-        _drawn([_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count)
+        _random_part(
+            [_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count
+        )
         for count in _sizes(len(by_method["even"]))
     )
     progress(1.0)
@@ -244,7 +246,7 @@ def _exact(
     return None
 
 
-def _drawn(points: list[float], count: int) -> RandomPart:
+def _random_part(points: list[float], count: int) -> RandomPart:
     return RandomPart(
         beams=count,
         lowest_points=min(points),

@@ -107,10 +107,18 @@ def document(
     information: InformationPart,
     masks: Sequence[ScanMask],
     parameters: Mapping[str, Any],
-    files: Sequence[str],
-    pictures: Sequence[str],
 ) -> Document:
-    """Collect the figures, rounded, with units in the names."""
+    """Collect the figures, rounded, with units in the names; `files` and `pictures` are empty.
+
+    Args:
+        choice: Result of the search.
+        samples: The poses of each map that beams were chosen on.
+        sources: File of each map.
+        updates: Durations of the localizers' updates.
+        information: Position accuracy from one scan.
+        masks: Readings removed from LaserScan messages; empty if there are no such messages.
+        parameters: Parameters of the search, by name.
+    """
     made = Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         summary="",
@@ -139,8 +147,8 @@ def document(
             MaskPart.of(mask, first_deg=mask.first, kept=mask.readings - len(mask.masked))
             for mask in masks
         ),
-        files=tuple(files),
-        pictures=tuple(pictures),
+        files=(),
+        pictures=(),
         parameters=dict(parameters),
     )
     return made.model_copy(update={"summary": summary(made)})
@@ -148,7 +156,7 @@ def document(
 
 def summary(report: Document) -> str:
     """Summarize the search in a few sentences."""
-    kept, maps = len(report.chosen.beams), len(report.maps)
+    count, maps = len(report.chosen.beams), len(report.maps)
     where = report.maps[0].name if maps == 1 else f"each of {maps} maps"
     if report.method == "all":
         return (
@@ -157,7 +165,7 @@ def summary(report: Document) -> str:
         )
     loss = report.chosen.checked
     sentences = [
-        f"{kept} of {report.beams} beams of {report.scanner}, {report.how}, stay within "
+        f"{count} of {report.beams} beams of {report.scanner}, {report.how}, stay within "
         f"{report.limit_points:g} percentage points on {where}: no zone's share of the "
         f"floor changes by more than {loss.zones_points:.1f} points, and the level by "
         f"{loss.level_points / POINTS:.3f} in the mean."
@@ -166,7 +174,7 @@ def summary(report: Document) -> str:
     if report.method == "even":
         sentences.append(
             "Greedy search needs as many."
-            if fewest["greedy"] == kept
+            if fewest["greedy"] == count
             else "Greedy search needs more: what it gains on the poses that it is shown, it loses "
             "on others."
         )

@@ -63,14 +63,14 @@ class InformationPart(Part):
 
 
 def update_times(
-    env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
+    env: Environment, scanner: RangeScanner, subset: RangeScanner, rng: np.random.Generator
 ) -> tuple[UpdatePart, ...]:
     """Time Monte Carlo localization and the Kalman filter; neither skips beams by itself.
 
     Args:
         env: The building; the robots stand at random places of it.
         scanner: Scanner with all beams.
-        kept: Same with the kept beams.
+        subset: Same with the kept beams.
         rng: Draws places and readings.
     """
     poses = _poses(env, scanner, rng, ROBOTS)
@@ -85,8 +85,8 @@ def update_times(
     for title, make in named.items():
         seconds: list[list[float]] = [[], []]
         cases = [
-            (make(timed), timed.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
-            for timed, taken in zip((scanner, kept), seconds, strict=True)
+            (make(timed), timed.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), samples)
+            for timed, samples in zip((scanner, subset), seconds, strict=True)
         ]
         for localizer, _, _ in cases:
             localizer.start(poses, spread)
@@ -94,11 +94,11 @@ def update_times(
         for number in range(ROUNDS + 1):
             odometry = np.zeros_like(poses)
             odometry[:, 0] = STEP * (number % 2)
-            for localizer, ranges, taken in cases:
+            for localizer, ranges, samples in cases:
                 before = time.thread_time()
                 localizer.update(odometry, ranges)
                 if number:
-                    taken.append(time.thread_time() - before)
+                    samples.append(time.thread_time() - before)
         each = np.array(seconds) * 1e3 / len(poses)
         ratio = each[1] / each[0]
         times.append(
@@ -117,7 +117,7 @@ def update_times(
 def scan_information_of(
     buildings: Sequence[Environment],
     scanner: RangeScanner,
-    kept: RangeScanner,
+    subset: RangeScanner,
     seed: int,
     map_std: float | None = None,
 ) -> InformationPart:
@@ -129,7 +129,7 @@ def scan_information_of(
     Args:
         buildings: The buildings; all count alike.
         scanner: Scanner with all beams.
-        kept: Same with the kept beams.
+        subset: Same with the kept beams.
         seed: Seed of the poses.
         map_std: Standard deviation of the walls' position, metres; None: each building's own.
     """
@@ -137,7 +137,7 @@ def scan_information_of(
     deviations = np.empty((len(buildings), 2))
     for number, env in enumerate(buildings):
         poses = _poses(env, scanner, rng_of(env, seed, "scan"), POSES)
-        for column, beams in enumerate((scanner, kept)):
+        for column, beams in enumerate((scanner, subset)):
             covariance = np.linalg.inv(scan_information(env, beams, poses, map_std) + prior)
             error = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
             deviations[number, column] = error.mean()

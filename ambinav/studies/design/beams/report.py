@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,9 +12,7 @@ from matplotlib.figure import Figure
 from ambinav.plotting.beams import plot_kept_beams, plot_loss_curves
 from ambinav.reports.parameters import map_parameters
 from ambinav.studies.design.beams.choose import Choice
-from ambinav.studies.design.beams.document import FORMAT, HOW, Document, document
-from ambinav.studies.design.beams.localizer import InformationPart, UpdatePart
-from ambinav.studies.design.beams.sample import MapSample
+from ambinav.studies.design.beams.document import FORMAT, HOW, Document
 from ambinav.studies.design.beams.scanner import ScanMask, laser_filters_text, subset_scanner
 from ambinav.studies.study import Content, Study
 
@@ -33,12 +31,8 @@ STUDY: Final = Study(
 
 def write_report(
     choice: Choice,
-    samples: Sequence[MapSample],
-    sources: Sequence[str],
-    updates: Sequence[UpdatePart],
-    information: InformationPart,
+    report: Document,
     masks: Sequence[ScanMask],
-    parameters: Mapping[str, Any],
     folder: str | Path,
     image_format: str = "png",
 ) -> Document:
@@ -46,22 +40,16 @@ def write_report(
 
     Args:
         choice: Result of the search.
-        samples: The poses of each map that beams were chosen on.
-        sources: File of each map.
-        updates: Durations of the localizers' updates.
-        information: Position accuracy from one scan.
+        report: Its figures.
         masks: Readings removed from LaserScan messages; empty if there are no such messages.
-        parameters: Parameters of the search, by name.
         folder: Output folder.
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
     """
     files = {SCANNER: subset_scanner(choice.scanner, choice.chosen.beams).to_yaml()}
     if masks:
         files[FILTER] = laser_filters_text(masks)
-    pictures = [f"{name}.{image_format}" for name in STUDY.pictures]
-    report = document(
-        choice, samples, sources, updates, information, masks, parameters, list(files), pictures
-    )
+    pictures = tuple(f"{name}.{image_format}" for name in STUDY.pictures)
+    report = report.model_copy(update={"files": tuple(files), "pictures": pictures})
     figures = {KEPT: lambda: draw_kept(choice), CURVES: lambda: draw_curves(choice, report)}
     STUDY.write(folder, content(report, files), figures, image_format)
     return report
@@ -69,10 +57,10 @@ def write_report(
 
 def draw_kept(choice: Choice) -> Figure:
     """Draw the beams that are kept and those that are left out, each to its maximum range."""
-    scanner, kept = choice.scanner, choice.chosen.beams
+    scanner, beams = choice.scanner, choice.chosen.beams
     reach = np.array([sensor.max_range for sensor in scanner.sensors])[scanner.sensor_of_beam]
-    title = f"{scanner.name}: {len(kept)} of {scanner.beams} beams"
-    return plot_kept_beams(scanner.mounts, np.asarray(reach), kept, title)
+    title = f"{scanner.name}: {len(beams)} of {scanner.beams} beams"
+    return plot_kept_beams(scanner.mounts, np.asarray(reach), beams, title)
 
 
 def draw_curves(choice: Choice, report: Document) -> Figure:

@@ -184,8 +184,8 @@ def draw_samples(
     for number in range(samples):
         part = region_places.among(np.arange(len(region_places)) % samples == number)
         # Each at one heading of the sample's own, where the region does not say at which.
-        own = rng.integers(0, len(headings[number::samples]), len(part)) * samples + number
-        heading = np.where(part.heading == ALL_HEADINGS, own, part.heading)
+        random = rng.integers(0, len(headings[number::samples]), len(part)) * samples + number
+        heading = np.where(part.heading == ALL_HEADINGS, random, part.heading)
         stands = possible[part.point, heading]
         part = replace(part, heading=heading).among(stands)
         drawn.append(_cast(scanner, lattice, possible, headings, part, model))

@@ -40,12 +40,12 @@ def subset_scanner(scanner: RangeScanner, beams: Sequence[int]) -> RangeScanner:
     parts, first = [], 0
     for part in scanner.parts:
         mounts = part.layout.mounts()
-        own = [beam - first for beam in kept if first <= beam < first + len(mounts)]
+        local = [beam - first for beam in kept if first <= beam < first + len(mounts)]
         first += len(mounts)
-        if len(own) == len(mounts):
+        if len(local) == len(mounts):
             parts.append(part)
-        elif own:
-            parts.append(Part(part.sensor, Mounts.of(mounts[own], part.layout.upright()[own])))
+        elif local:
+            parts.append(Part(part.sensor, Mounts.of(mounts[local], part.layout.upright()[local])))
     name = f"{scanner.name} ({len(kept)} of {scanner.beams} beams)"
     return replace(scanner, parts=tuple(parts), name=name)
 
@@ -104,13 +104,15 @@ def scan_masks(
         if index in lasers:
             layout, number = lasers[index], len(masks)
             frame = f"{FRAME}{number + 1 if number else ''}"
-            own = np.array([begin + k not in kept for k in range(count)])
+            removed = np.array([begin + k not in kept for k in range(count)])
             first = -180.0 if layout.full_circle else -math.degrees(layout.aperture / 2)
             if layout.full_circle and angle_min is not None:
                 # Beam k looks to -pi + 2 pi k / B.
-                own = np.roll(own, -round((math.radians(angle_min) + math.pi) * count / TURN))
+                removed = np.roll(
+                    removed, -round((math.radians(angle_min) + math.pi) * count / TURN)
+                )
                 first = angle_min
-            masked = tuple(np.flatnonzero(own).tolist())
+            masked = tuple(np.flatnonzero(removed).tolist())
             masks.append(
                 ScanMask(frames[number] if number < len(frames) else frame, count, first, masked)
             )

@@ -34,41 +34,41 @@ def grow(
     Yields:
         Subsets of 1, 2, ... beams in the order in which they were added, until all are.
     """
-    kept: list[int] = []
+    chosen: list[int] = []
     scanner = samples[0].scanner
-    while len(kept) < scanner.beams:
-        left = np.setdiff1d(np.arange(scanner.beams), kept)
-        if len(left) > candidates:
-            left = np.sort(rng.choice(left, candidates, replace=False))
-        losses = np.mean([_with_each(sample, kept, left) for sample in samples], axis=0)
-        kept.append(int(left[np.argmin(losses)]))
-        yield tuple(kept)
+    while len(chosen) < scanner.beams:
+        unused = np.setdiff1d(np.arange(scanner.beams), chosen)
+        if len(unused) > candidates:
+            unused = np.sort(rng.choice(unused, candidates, replace=False))
+        losses = np.mean([_with_each(sample, chosen, unused) for sample in samples], axis=0)
+        chosen.append(int(unused[np.argmin(losses)]))
+        yield tuple(chosen)
 
 
-def _with_each(sample: MapSample, kept: Sequence[int], candidates: Ints) -> Floats:
+def _with_each(sample: MapSample, chosen: Sequence[int], candidates: Ints) -> Floats:
     """Compute `Loss.level` of a map with the kept beams and each of C candidates, shape (C,)."""
-    count = len(kept) + 1
+    count = len(chosen) + 1
     model = sample.model_of(count)
     # The tables are the same for all beams of a sensor.
     sensor = sample.scanner.sensor_of_beam
     tables = {
-        int(sensor[beam]): sample.table.subset([*kept, int(beam)])
+        int(sensor[beam]): sample.table.subset([*chosen, int(beam)])
         for beam in candidates[np.unique(sensor[candidates], return_index=True)[1]]
     }
     sums = np.empty((len(candidates), len(sample.level), 7))
     first = 0
     for group in sample.groups:
         part = slice(first, first + len(group.around.poses))
-        held = np.empty(0, dtype=np.intp)
+        current = np.empty(0, dtype=np.intp)
         for row, beam in enumerate(candidates):
             table = tables[int(sensor[beam])]
-            columns = sample.table.columns_of([*kept, int(beam)])
-            if len(columns) != len(held):
+            columns = sample.table.columns_of([*chosen, int(beam)])
+            if len(columns) != len(current):
                 data = packed(group.columns, columns, len(table.limit))
             else:
-                for place in np.flatnonzero(columns != held):
+                for place in np.flatnonzero(columns != current):
                     data[0, :, :, place] = group.columns[columns[place]]
-            held = columns
+            current = columns
             sums[row, part] = group.around.sums(data, table, model)[:, 0]
         first = part.stop
     return np.array([sample.level_loss(level) for level in relative_radii(sums)["level"]])

@@ -64,10 +64,10 @@ def gains_in_aged(
         world = with_moved_furniture(effects.environment, FURNITURE_STD, rng, passage)
         world = with_aged_walls(world, WALL_STD, rng)
         setting = effects.setting
-        known, aged = setting.lattice(effects.environment)[0], setting.lattice(world)[0]
-        there = Effects(world, setting, _same_places(effects.places, known, aged))
-        before[k] = there.badness.bad
-        gain[k] = there.tried(obstacles).gain.bad
+        mapped, aged = setting.lattice(effects.environment)[0], setting.lattice(world)[0]
+        aged_effects = Effects(world, setting, _same_places(effects.places, mapped, aged))
+        before[k] = aged_effects.badness.bad
+        gain[k] = aged_effects.tried(obstacles).gain.bad
         progress((k + 1) / worlds)
     return AgedPart(
         buildings=worlds,
@@ -79,9 +79,9 @@ def gains_in_aged(
     )
 
 
-def _same_places(places: Places, known: Lattice, aged: Lattice) -> Places:
+def _same_places(places: Places, mapped: Lattice, aged: Lattice) -> Places:
     """Return the places on the lattice of an aged building; those without a pose near are out."""
-    at = np.column_stack(known.points)[places.point]
+    at = np.column_stack(mapped.points)[places.point]
     away, point = cKDTree(np.column_stack(aged.points)).query(at)
-    kept = away <= NEAREST * known.spacing
-    return Places.merged(point[kept], places.heading[kept], places.weight[kept])
+    near = away <= NEAREST * mapped.spacing
+    return Places.merged(point[near], places.heading[near], places.weight[near])

@@ -112,7 +112,7 @@ class Document(BuildingDocument):
     geojson: dict[str, Any] = Field(description="the obstacles, as placement.geojson holds them")
 
 
-def document(study: Remedy, asked: int) -> Document:
+def document(study: Remedy, requested: int) -> Document:
     """Collect the figures of the report."""
     rules, placement = study.rules, study.placement
     obstacles = obstacle_parts(study)
@@ -124,7 +124,7 @@ def document(study: Remedy, asked: int) -> Document:
         summary=_summary(study),
         before=BadPart.of(placement.before),
         after=BadPart.of(placement.after),
-        asked=asked,
+        asked=requested,
         obstacles=obstacles,
         improved=_improved(study),
         rules=rules_part(rules, len(study.trials.candidates), study.environment),
@@ -134,7 +134,7 @@ def document(study: Remedy, asked: int) -> Document:
         optima=study.optima,
         coverage=study.coverage,
         aged=study.aged,
-        remarks=tuple(_remarks(study, asked)),
+        remarks=tuple(_remarks(study, requested)),
         parameters=study.amap.parameters,
         geojson=obstacles_geojson(study),
     )
@@ -188,7 +188,7 @@ def obstacle_parts(study: Remedy, left: Sequence[float] | None = None) -> tuple[
 def obstacles_geojson(study: Remedy) -> dict[str, Any]:
     """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
     placed = enumerate(study.placement.placed, start=1)
-    gains = [{"number": k, "gain": round(one.gain.bad, 4) + 0.0} for k, one in placed]
+    gains = [{"number": k, "gain": round(step.gain.bad, 4) + 0.0} for k, step in placed]
     return placed_geojson(study.chosen, gains)
 
 
@@ -224,29 +224,29 @@ def _gaining_together(study: Remedy) -> list[str]:
     ]
 
 
-def enough_text(study: Remedy, asked: int) -> str:
+def enough_text(study: Remedy, requested: int) -> str:
     """Explain why fewer obstacles than requested are placed."""
     kind, placed = study.rules.kind, len(study.placement.placed)
     nothing = f"takes away less than {NOTHING:g} {amount(0.0, study.unit).split()[1]}"
     if not placed:
-        return f"None of {asked} {kind}s was put up: each {nothing} of bad floor."
+        return f"None of {requested} {kind}s was put up: each {nothing} of bad floor."
     if study.placement.crowded:
         return (
-            f"{placed} of {asked} {kind}s: no further place leaves {study.rules.min_passage:g} m "
-            "to theirs."
+            f"{placed} of {requested} {kind}s: no further place leaves "
+            f"{study.rules.min_passage:g} m to theirs."
         )
-    which = f"{placed} of {asked} {kind}s {'suffices' if placed == 1 else 'suffice'}: "
+    which = f"{placed} of {requested} {kind}s {'suffices' if placed == 1 else 'suffice'}: "
     if study.placement.after.bad < NOTHING:
         return which + "no bad floor is left."
     return which + f"a further one {nothing} of bad floor."
 
 
-def _remarks(study: Remedy, asked: int) -> list[str]:
+def _remarks(study: Remedy, requested: int) -> list[str]:
     """Return further remarks for the report."""
     remarks, placed = [], len(study.placement.placed)
     kind, unit = study.rules.kind, study.unit
-    if placed < asked:
-        remarks.append(enough_text(study, asked))
+    if placed < requested:
+        remarks.append(enough_text(study, requested))
     if study.rules.reflective and study.rules.kind != "tag":
         remarks.append("They reflect, and the scanner's intensity channel sees it.")
     if study.rules.reflective:

@@ -258,11 +258,11 @@ class Effects:
         model = self.setting.model
         zones = classify(of_pose[0], of_pose[1], model.low, model.high)
         at = np.maximum(heading, 0)[:, None]
-        own = np.take_along_axis(of_pose[2], at, axis=1)[:, 0]
+        level_at_heading = np.take_along_axis(of_pose[2], at, axis=1)[:, 0]
         own_zone = np.take_along_axis(zones, at, axis=1)[:, 0]
         # No pose that counts is impossible at all headings.
-        every = (heading == ALL_HEADINGS) | np.isnan(own)
-        level = np.where(every, np.nanmean(of_pose[2], axis=1), own)
+        every = (heading == ALL_HEADINGS) | np.isnan(level_at_heading)
+        level = np.where(every, np.nanmean(of_pose[2], axis=1), level_at_heading)
         return np.where(every, classify_over_headings(zones), own_zone), level
 
     def _compared(self, around: Neighbourhoods, data: Floats32) -> Floats:

@@ -24,7 +24,7 @@ class Gains:
     def __init__(self, effects: Effects) -> None:
         self.effects = effects
         self.looked = 0
-        self.known: dict[tuple[Candidate, frozenset[Candidate]], float] = {}
+        self.by_pair: dict[tuple[Candidate, frozenset[Candidate]], float] = {}
 
     def beside(self, chosen: Iterable[Candidate]) -> Beside:
         """Return the gains beside some obstacles."""
@@ -60,8 +60,8 @@ class Beside:
     def gain(self, candidate: Candidate) -> float:
         """Return what an obstacle gains beside the others."""
         key = candidate, self.near(candidate)
-        known = self._gains.known
-        if key not in known:
-            known[key] = self.effects.tried([candidate.obstacle]).gain.cost
+        cached = self._gains.by_pair
+        if key not in cached:
+            cached[key] = self.effects.tried([candidate.obstacle]).gain.cost
             self._gains.looked += 1
-        return known[key]
+        return cached[key]

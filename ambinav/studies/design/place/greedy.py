@@ -177,7 +177,7 @@ def place(
     while len(search.chosen) < count and (best := search.best()) is not None:
         search.put((*search.chosen, best))
         progress(0.4 * len(search.chosen) / count)
-    crowded = len(search.chosen) < count and not search.left.any()
+    crowded = len(search.chosen) < count and not search.is_open.any()
     chosen = search.exchanged()
     progress(0.5)
     if moves is not None:
@@ -237,7 +237,7 @@ class _Search:
         self.trials, self.passage = trials, passage
         self._gains = gains
         self._latest = [gain.cost for gain in trials.gains]
-        gains.known |= {
+        gains.by_pair |= {
             (candidate, frozenset()): gain
             for candidate, gain in zip(trials.candidates, self._latest, strict=True)
         }
@@ -258,7 +258,7 @@ class _Search:
         self.chosen = tuple(chosen)
         self._beside = self._gains.beside(self.chosen)
         count = Counter(each.kind for each in self.chosen)
-        self.left = np.array(
+        self.is_open = np.array(
             [
                 self._most[each.kind] > count[each.kind]
                 and all(apart(each, other, self.passage) for other in self.chosen)
@@ -270,11 +270,11 @@ class _Search:
 
     def best(self) -> Candidate | None:
         """Return the candidate with the largest gain; None if none gains anything."""
-        if not self.left.any():
+        if not self.is_open.any():
             return None
         while True:
-            costs = np.where(self.left, np.divide(self._latest, self._prices), -np.inf)
-            order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
+            costs = np.where(self.is_open, np.divide(self._latest, self._prices), -np.inf)
+            order = np.argsort(-costs, kind="stable")[: int(self.is_open.sum())]
             outdated = [i for i in order[:REVIEWED].tolist() if self._stale[i]]
             if not outdated:
                 break

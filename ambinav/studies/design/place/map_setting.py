@@ -43,15 +43,15 @@ class MapSetting:
             scanner: Scanner of the map, with all beams and its true mounts.
             reflectors: Whether there are reflectors, or will be.
         """
-        known = amap.parameters
+        parameters = amap.parameters
         model = AmbiguityModel(
-            **{field.name: known[field.name] for field in fields(AmbiguityModel)}
+            **{field.name: parameters[field.name] for field in fields(AmbiguityModel)}
         )
         headings = amap.dataset["theta"].values if amap.has_theta else np.zeros(1)
         mounted = scanner if amap.has_theta else scanner.centred
-        thinned = mounted.thinned(known["beams_used"])
+        thinned = mounted.thinned(parameters["beams_used"])
         table = BeamTable.of(thinned, model.map_std, model.outlier_share, reflectors)
-        return cls(thinned, model, headings, known["spacing"], table)
+        return cls(thinned, model, headings, parameters["spacing"], table)
 
     def lattice(self, environment: Environment) -> tuple[Lattice, Bools]:
         """Return the map's lattice, N points, and where the robot can stand at H headings.

@@ -109,14 +109,14 @@ class Positions:
         even, step = self.spread_evenly(most - most // 2)
         least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
 
-        def wanted(points: Points) -> Bools:
-            dense = self._wanted(points)
+        def is_dense(points: Points) -> Bools:
+            dense = self._allowed(points)
             dense[dense] = self._bad_in_range(points[dense]) >= least
             return dense
 
-        dense, _ = self._spread(most // 2, wanted)
-        known = {each.drawn for each in even}
-        return (*even, *(each for each in dense if each.drawn not in known)), step
+        dense, _ = self._spread(most // 2, is_dense)
+        even_sites = {each.drawn for each in even}
+        return (*even, *(each for each in dense if each.drawn not in even_sites)), step
 
     def spread_evenly(self, most: int) -> tuple[tuple[Candidate, ...], float]:
         """Return at most so many candidates, and the distance between them, metres.
@@ -124,7 +124,7 @@ class Positions:
         Raises:
             InputError: there is none.
         """
-        allowed, step = self._spread(most, self._wanted)
+        allowed, step = self._spread(most, self._allowed)
         if not allowed:
             rules = self.rules
             remedy = "give a smaller --width" if rules.kind != "post" else "give a smaller --radius"
@@ -145,31 +145,31 @@ class Positions:
         # The middle of an obstacle at a wall is away from where it touches it.
         reach = distance + self.rules.width
 
-        def wanted(points: Points) -> Bools:
+        def is_close(points: Points) -> Bools:
             close = np.hypot(points[:, 0] - x, points[:, 1] - y) <= reach
-            close[close] = self._wanted(points[close])
+            close[close] = self._allowed(points[close])
             return close
 
         window = (x - reach, y - reach, x + reach, y + reach)
         return tuple(
             each
-            for each in self._sites.every(step, wanted, window)
+            for each in self._sites.every(step, is_close, window)
             if np.hypot(*np.subtract(each.middle, (x, y))) <= distance
             and self._is_clear(each)
             and self._stays_open(each)
         )
 
     def _spread(
-        self, most: int, wanted: Callable[[Points], Bools]
+        self, most: int, is_allowed: Callable[[Points], Bools]
     ) -> tuple[tuple[Candidate, ...], float]:
-        """Return at most `most` candidates at wanted points, and the distance between them."""
+        """Return at most `most` candidates at allowed points, and the distance between them."""
         step = dense = STEP
         # Counted before they are created, since most are too close to each other.
-        while sum(counts := self._sites.counts(step, wanted)) > MANY * most:
+        while sum(counts := self._sites.counts(step, is_allowed)) > MANY * most:
             dense = step
             step *= _step_factor(*counts, MANY * most)
         while True:
-            seen = self._clear(step, wanted)
+            seen = self._clear(step, is_allowed)
             # Checking passages takes longest.
             if len(seen) > MANY * most:
                 dense = step
@@ -183,15 +183,15 @@ class Positions:
             if allowed or dense == step:
                 return tuple(allowed), step
             # So far apart none is left: some of those that were closer.
-            seen = self._clear(dense, wanted)
+            seen = self._clear(dense, is_allowed)
             for nth in (max(len(seen) // (MANY * most), 1), 1):
                 allowed = [each for each in seen[::nth] if self._stays_open(each)]
                 if allowed:
                     break
             return tuple(allowed[:: math.ceil(len(allowed) / most) or 1]), step
 
-    def _clear(self, step: float, wanted: Callable[[Points], Bools]) -> list[Candidate]:
-        return [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
+    def _clear(self, step: float, is_allowed: Callable[[Points], Bools]) -> list[Candidate]:
+        return [each for each in self._sites.every(step, is_allowed) if self._is_clear(each)]
 
     def _bad_in_range(self, points: Points) -> Ints:
         """Count the bad floor within the scanner's range of points, shape (N,)."""
@@ -199,7 +199,7 @@ class Positions:
             return np.empty(0, dtype=np.int64)
         return np.asarray(self._bad.query_ball_point(points, self._sight, return_length=True))
 
-    def _wanted(self, points: Points) -> Bools:
+    def _allowed(self, points: Points) -> Bools:
         """Return which points see bad floor and are clear of routes and zones, shape (N,)."""
         seeing = self._bad.query(points, distance_upper_bound=self._sight)[0] <= self._sight
         beside = points[seeing]

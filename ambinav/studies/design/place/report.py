@@ -28,7 +28,7 @@ MARGIN: Final = 3.0
 
 def write_report(
     study: Remedy,
-    asked: int,
+    requested: int,
     folder: str | Path,
     progress: Progress = silent,
     image_format: str = "png",
@@ -37,13 +37,13 @@ def write_report(
 
     Args:
         study: The placement.
-        asked: How many obstacles were asked for.
+        requested: How many obstacles were asked for.
         folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
         image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
     """
     STUDY.folder.check(folder)
-    report = document(study, asked)
+    report = document(study, requested)
     figures = state_figures(lambda placed: draw(study, report, placed))
     STUDY.write(folder, content(report), figures, image_format, progress)
     return report

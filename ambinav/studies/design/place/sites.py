@@ -61,7 +61,7 @@ class Sites:
         )
         shapely.prepare([self.floor, self.unknown])
 
-    def counts(self, step: float, wanted: Callable[[Points], Bools]) -> tuple[int, int]:
+    def counts(self, step: float, is_allowed: Callable[[Points], Bools]) -> tuple[int, int]:
         """Count the wanted points at walls and on the floor, `step` metres apart.
 
         `every` makes no more of each kind.
@@ -73,39 +73,39 @@ class Sites:
                 for number, ring in enumerate(self.rings)
                 if len(along := _distances_along(ring, step, number))
             ]
-            on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
+            on_walls = int(is_allowed(np.concatenate(rings)).sum()) if rings else 0
         if self.rules.free_standing and self.rules.kind != "tag":
-            on_floor = len(self._grid(step, wanted))
+            on_floor = len(self._grid(step, is_allowed))
         return on_walls, on_floor
 
     def every(
-        self, step: float, wanted: Callable[[Points], Bools], window: Window | None = None
+        self, step: float, is_allowed: Callable[[Points], Bools], window: Window | None = None
     ) -> Iterator[Candidate]:
         """Yield candidates `step` metres apart at the wanted points.
 
         Args:
             step: Their distance, metres.
-            wanted: Which points of an array (N, 2) are wanted.
+            is_allowed: Which points of an array (N, 2) are allowed.
             window: xmin, ymin, xmax and ymax, metres, outside of which none is; None: unknown.
         """
         if self.rules.on_walls:
             for number, ring in enumerate(self.rings):
                 if window is None or shapely.intersects(shapely.box(*window), ring):
                     along = _distances_along(ring, step, number)
-                    yield from self._beside(ring, along, wanted)
+                    yield from self._beside(ring, along, is_allowed)
         if self.rules.free_standing and self.rules.kind != "tag":
-            yield from self._on_floor(step, wanted, window)
+            yield from self._on_floor(step, is_allowed, window)
 
     def _beside(
-        self, ring: shapely.LinearRing, along: Points, wanted: Callable[[Points], Bools]
+        self, ring: shapely.LinearRing, along: Points, is_allowed: Callable[[Points], Bools]
     ) -> Iterator[Candidate]:
         if not len(along):
             return
         at = _points_at(ring, along)
-        kept = wanted(at)
+        mask = is_allowed(at)
         half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
-        around = np.stack([_points_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
-        for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
+        around = np.stack([_points_at(ring, along[mask] + s) for s in np.linspace(-half, half, 5)])
+        for (x, y), near in zip(at[mask].tolist(), around.transpose(1, 0, 2), strict=True):
             candidate = self._at_wall(x, y, near)
             # Nothing can be mounted on a frontier.
             if candidate is not None and not shapely.dwithin(
@@ -135,10 +135,10 @@ class Sites:
         return self._strip(wall + np.outer((-half, half), (tx, ty)), TAG_THICKNESS, True)
 
     def _on_floor(
-        self, step: float, wanted: Callable[[Points], Bools], window: Window | None
+        self, step: float, is_allowed: Callable[[Points], Bools], window: Window | None
     ) -> Iterator[Candidate]:
         rules = self.rules
-        for x, y in self._grid(step, wanted, window).tolist():
+        for x, y in self._grid(step, is_allowed, window).tolist():
             if rules.kind == "post":
                 yield self._post(x, y, False)
                 continue
@@ -148,7 +148,7 @@ class Sites:
                 yield self._strip(ends, THICKNESS, False)
 
     def _grid(
-        self, step: float, wanted: Callable[[Points], Bools], window: Window | None = None
+        self, step: float, is_allowed: Callable[[Points], Bools], window: Window | None = None
     ) -> Points:
         """Return the wanted points of a floor grid common to all buildings, shape (N, 2)."""
         if self.wide.is_empty:
@@ -157,7 +157,7 @@ class Sites:
         xs = np.arange(math.ceil(xmin / step), math.floor(xmax / step) + 1) * step
         ys = np.arange(math.ceil(ymin / step), math.floor(ymax / step) + 1) * step
         grid = np.stack([axis.ravel() for axis in np.meshgrid(xs, ys)], axis=1)
-        grid = grid[wanted(grid)]
+        grid = grid[is_allowed(grid)]
         inside = shapely.intersects_xy(self.wide, grid) & shapely.intersects_xy(self.floor, grid)
         return np.asarray(grid[inside], dtype=np.float64)
 
@@ -196,10 +196,10 @@ def _distances_along(ring: shapely.LinearRing, step: float, number: int) -> Poin
     Of many short rings (equal pillars, say) some have a point, evenly over their numbers, and each
     at another place: half round a rectangle is always a corner.
     """
-    whole = ring.length / step
-    count, phase = int(whole), 0.5
+    steps = ring.length / step
+    count, phase = int(steps), 0.5
     if count < 3:
-        count += int((number + 1) * GOLDEN % 1.0 < whole % 1.0)
+        count += int((number + 1) * GOLDEN % 1.0 < steps % 1.0)
         phase = (number + 1) * math.sqrt(2.0) % 1.0
     return np.asarray((np.arange(count) + phase) * (ring.length / max(count, 1)))
 

@@ -197,19 +197,19 @@ def place_obstacles(
             f"{len(allowed)} places can be used with {rules.min_passage:g} m between them; request "
             "fewer, give a smaller --min-passage, or more --candidates."
         )
-    known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
+    remedy = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
     if rng is None:
-        return known
+        return remedy
     # The aged buildings are the same with samples and without.
     for_samples, for_buildings = rng.spawn(2)
     if examine:
-        known = _examine(known, effects, for_samples, stages)
+        remedy = _examine(remedy, effects, for_samples, stages)
     if aged and placement.placed:
-        obstacles = tuple(candidate.obstacle for candidate in known.chosen)
+        obstacles = tuple(candidate.obstacle for candidate in remedy.chosen)
         progress = stages(f"{aged} aged buildings")
         gains = gains_in_aged(effects, obstacles, aged, rules.min_passage, for_buildings, progress)
-        known = replace(known, aged=gains)
-    return known
+        remedy = replace(remedy, aged=gains)
+    return remedy
 
 
 def check_passage(rules: PlaceRules, reach: Reach) -> None:
@@ -225,20 +225,20 @@ def check_passage(rules: PlaceRules, reach: Reach) -> None:
         )
 
 
-def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, stages: Stages) -> Remedy:
+def _examine(remedy: Remedy, effects: Effects, rng: np.random.Generator, stages: Stages) -> Remedy:
     """Return the study with a test of submodularity and comparisons with optima."""
-    trials, passage = known.trials, known.rules.min_passage
+    trials, passage = remedy.trials, remedy.rules.min_passage
     optima = [
         enumerated(effects, trials, trials.order[:most].tolist(), size, passage, stages(title))
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
-    if find_spec("ortools") is not None and known.placement.placed:
-        unmoved = place(effects, trials, len(known.placement.placed), passage).placed
+    if find_spec("ortools") is not None and remedy.placement.placed:
+        unmoved = place(effects, trials, len(remedy.placement.placed), passage).placed
         greedy = [trials.candidates.index(placed.candidate) for placed in unmoved]
         coverage = covered_most(effects, trials, len(greedy), passage, greedy)
     return replace(
-        known,
+        remedy,
         violations=measured(effects, trials, passage, rng, stages("samples of gains")),
         optima=tuple(optimum for optimum in optima if optimum is not None),
         coverage=coverage,

@@ -72,7 +72,7 @@ class Document(BuildingDocument):
     geojson: dict[str, Any] = Field(description="the new reflectors, as reflectors.geojson")
 
 
-def document(layout: ReflectorLayout, asked: int) -> Document:
+def document(layout: ReflectorLayout, requested: int) -> Document:
     """Collect the figures of the report."""
     before, after = layout.maps
     won = layout.parts.counted & (before != GOOD) & (after == GOOD)
@@ -81,7 +81,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
         summary=_summary(layout),
         floor_m2=layout.before.floor,
         present=layout.present,
-        asked=asked,
+        asked=requested,
         tried=layout.tried,
         before=_coverage(layout.before),
         after=_coverage(layout.after),
@@ -91,7 +91,7 @@ def document(layout: ReflectorLayout, asked: int) -> Document:
         ),
         improved=largest_places(layout.amap, won, layout.parts),
         needs=NeedsPart.of(layout.rules, max_incidence_deg=layout.rules.max_incidence),
-        remarks=tuple(_remarks(layout, asked)),
+        remarks=tuple(_remarks(layout, requested)),
         parameters=layout.amap.parameters,
         geojson=placed_geojson(
             layout.chosen, [{"number": k + 1} for k in range(len(layout.steps))]
@@ -130,7 +130,7 @@ def _summary(layout: ReflectorLayout) -> str:
     )
 
 
-def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
+def _remarks(layout: ReflectorLayout, requested: int) -> list[str]:
     """Return why floor is left on which the robot cannot navigate, and why fewer are placed."""
     after, rules = layout.after, layout.rules
     remarks = []
@@ -152,9 +152,9 @@ def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
             f"The new reflectors add no floor on which it can navigate; where {rules.needed} must "
             f"be in view, {more}."
         )
-    if len(layout.steps) < asked:
+    if len(layout.steps) < requested:
         why = "no floor is left" if not left else "no further place helps"
         if left and len(layout.steps) == layout.tried:
             why = "there are no more places; give more --candidates"
-        remarks.append(f"{len(layout.steps)} of {asked} new reflectors: {why}.")
+        remarks.append(f"{len(layout.steps)} of {requested} new reflectors: {why}.")
     return remarks

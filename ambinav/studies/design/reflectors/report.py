@@ -28,7 +28,7 @@ STUDY: Final = Study(
 
 def write_report(
     layout: ReflectorLayout,
-    asked: int,
+    requested: int,
     folder: str | Path,
     progress: Progress = silent,
     image_format: str = "png",
@@ -37,12 +37,12 @@ def write_report(
 
     Args:
         layout: The layout.
-        asked: How many new reflectors were asked for, at most.
+        requested: How many new reflectors were asked for, at most.
         folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
         image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
     """
-    report = document(layout, asked)
+    report = document(layout, requested)
     figures = state_figures(lambda placed: draw(layout, report, placed))
     STUDY.write(folder, content(report), figures, image_format, progress)
     return report

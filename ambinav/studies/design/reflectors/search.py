@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -43,6 +44,8 @@ EXCHANGED: Final = 24
 """Reflectors that are exchanged by all criteria, at most,"""
 JUDGED: Final = 8
 """and candidates that are judged instead of each."""
+WORTH: Final = attrgetter("worth")
+"""Value of a state."""
 PARTIAL: Final = 0.25
 """Worth of floor from which all reflectors needed are in view, beside 1 for good floor."""
 IN_THE_END: Final = 0.01
@@ -106,11 +109,11 @@ class Search:
         """Judge some candidates by all criteria."""
         which = np.array([*range(self._present), *(self._present + i for i in chosen)])
         seen = np.concatenate([self._seen, self.views[list(chosen)].transpose(1, 2, 0)], axis=2)
-        found = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
-        completed = _completed(found.count, found.rules.needed)[self.counted]
-        good = found.good[self.counted]
-        worth = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
-        return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
+        positioning = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
+        completed = _completed(positioning.count, positioning.rules.needed)[self.counted]
+        good = positioning.good[self.counted]
+        value = float(good.sum() + IN_THE_END * completed.mean(axis=1).sum())
+        return State(tuple(chosen), positioning, value * self.site.lattice.cell_area)
 
     def place(self, count: int, progress: Progress = silent) -> tuple[int, ...]:
         """Place at most `count` reflectors; return their numbers, those that help most first.
@@ -125,11 +128,12 @@ class Search:
             progress(0.6 * number / len(starts))
         most = max(placed, key=lambda chosen: self._completes(none, chosen, IN_THE_END))
         # The best by number in view, and the best by all criteria so far.
-        ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=_worth)]
-        state = max((self._exchanged_by_all(end) for end in ends), key=_worth)
+        ends = [self.state(self._exchanged_pairs(most)), max(map(self.state, placed), key=WORTH)]
+        state = max(map(self._exchanged_by_all, ends), key=WORTH)
         progress(0.9)
         while len(state.chosen) < count and not state.positioning.good[self.counted].all():
-            better = self._best(state.chosen, self._first(state.chosen, state.positioning))
+            rivals = self._best_candidates(state.chosen, state.positioning)
+            better = self._best(state.chosen, rivals)
             if better is None or better.worth <= state.worth + LEAST:
                 break
             state = better
@@ -171,10 +175,10 @@ class Search:
         """
         gains = np.empty(len(allowed))
         short = self._short(count) if where is None else where
-        worth = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
+        value = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
         run_rows(
             _gain, len(allowed), self.views, allowed, short, count, self._stands,
-            partial / count.shape[1] * worth, gains, least=4,
+            partial / count.shape[1] * value, gains, least=4,
         )  # fmt: skip
         return gains
 
@@ -287,27 +291,27 @@ class Search:
         """Exchange reflectors by all criteria where enough are in view, but that is no use."""
         number = unchanged = 0
         while number < EXCHANGED and unchanged < len(state.chosen):
-            found, chosen = state.positioning, list(state.chosen)
-            vain = self.counted & found.enough & ~found.good
+            positioning, chosen = state.positioning, list(state.chosen)
+            vain = self.counted & positioning.enough & ~positioning.good
             if not vain.any():
                 break
             # Those that most of this floor sees, one after the other.
             seen = self.views[chosen][:, vain].sum(axis=(1, 2))
             k = chosen[int(np.argsort(-seen, kind="stable")[unchanged])]
             others = tuple(i for i in chosen if i != k)
-            best = self._best(others, self._first(others, found))
+            best = self._best(others, self._best_candidates(others, positioning))
             number, unchanged = number + 1, unchanged + 1
             if best is not None and best.worth > state.worth + LEAST:
                 state, unchanged = best, 0
         return state
 
-    def _first(self, chosen: tuple[int, ...], found: Positioning) -> list[int]:
+    def _best_candidates(self, chosen: tuple[int, ...], positioning: Positioning) -> list[int]:
         """Return candidates that gain most by the number in view, or are seen from vain floor."""
         allowed = self._allowed(chosen)
         if not len(allowed):
             return []
         gains = self._gains(self._count(chosen), allowed)
-        vain = self.counted & found.enough & ~found.good
+        vain = self.counted & positioning.enough & ~positioning.good
         seen = self.views[np.ix_(allowed, np.flatnonzero(vain))].mean(axis=2).sum(axis=1)
         order = np.argsort(-(gains + seen), kind="stable")[:JUDGED]
         return [int(i) for i in allowed[order]]
@@ -315,7 +319,7 @@ class Search:
     def _best(self, chosen: tuple[int, ...], rivals: Sequence[int]) -> State | None:
         """Return the best state with one of the rivals by all criteria; None without any."""
         states = [self.state((*chosen, i)) for i in rivals]
-        return max(states, key=_worth, default=None)
+        return max(states, key=WORTH, default=None)
 
     def _order(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Return a choice in the order in which each gains most after those before it."""
@@ -325,10 +329,6 @@ class Search:
             gains = self._gains(self._count(done), np.array(left))
             done = *done, left.pop(int(np.argmax(gains)))
         return done
-
-
-def _worth(state: State) -> float:
-    return state.worth
 
 
 def _completed(count: NDArray[np.integer], needed: int) -> Floats:

@@ -54,15 +54,15 @@ class Coverage:
     std: float
 
     @classmethod
-    def of(cls, found: Positioning, counted: Bools, area: float) -> Coverage:
+    def of(cls, positioning: Positioning, counted: Bools, area: float) -> Coverage:
         """Sum up over the points that count, shape (P,), of a lattice with cells of this area."""
-        enough = counted & found.enough
-        stds = found.std.max(axis=1)[enough]
+        enough = counted & positioning.enough
+        stds = positioning.std.max(axis=1)[enough]
         return cls(
             float(counted.sum() * area),
             float(enough.sum() * area),
-            float((enough & found.unique).sum() * area),
-            float((counted & found.good).sum() * area),
+            float((enough & positioning.unique).sum() * area),
+            float((counted & positioning.good).sum() * area),
             float(np.median(stds)) if len(stds) else float("nan"),
         )
 
@@ -130,12 +130,12 @@ STATES = ("navigates", "imprecise", "aliased", "too few in view")
 """States of floor, in the order of their numbers."""
 
 
-def states(found: Positioning, free: Bools) -> Bytes:
+def states(positioning: Positioning, free: Bools) -> Bytes:
     """Return the state of each cell, uint8, shape (ny, nx); `NOT_FREE` where none is free."""
     picture = np.full(free.shape, NOT_FREE, dtype=np.uint8)
-    state = np.where(found.precise, GOOD, IMPRECISE)
-    state = np.where(found.unique, state, ALIASED)
-    picture[free] = np.where(found.enough, state, FEW)
+    state = np.where(positioning.precise, GOOD, IMPRECISE)
+    state = np.where(positioning.unique, state, ALIASED)
+    picture[free] = np.where(positioning.enough, state, FEW)
     return picture
 
 
@@ -210,11 +210,11 @@ def plan_reflectors(
     # What is placed here reflects, whatever else the same rules are used for.
     positions = replace(positions, reflective=True)
     candidates = _candidates(site, positions, wanting, reach, keep_out)
-    coarse, kept = site.coarser(COARSE)
+    coarse, coarse_poses = site.coarser(COARSE)
     _check_memory(coarse, len(candidates))
     # Reflectors on walls narrow nothing; nearer than this two could not be distinguished.
     separation = 4.0 * rules.tolerance if positions.kind == "tag" else positions.min_passage
-    search = Search(coarse, counted[kept], present, candidates, separation)
+    search = Search(coarse, counted[coarse_poses], present, candidates, separation)
     order = search.place(count, stages(f"{len(candidates)} places"))
     chosen = tuple(candidates[k] for k in order)
     # New reflectors hide each other and what is behind them: only the changed building shows it.

@@ -83,15 +83,15 @@ class Allowed:
         Raises:
             InputError: a change is unknown or named twice, or a number is missing or not one.
         """
-        known = {f"{kind}s": kind for kind in KINDS}
+        kind_of = {f"{kind}s": kind for kind in KINDS}
         most: dict[Kind, int] = {}
         switches: set[str] = set()
         for entry in (part.strip() for part in text.split(",")):
             name, equals, number = (part.strip() for part in entry.partition("="))
-            if name not in known and name not in SWITCHES:
-                offer = nearest(name, (*known, *SWITCHES))
+            if name not in kind_of and name not in SWITCHES:
+                offer = nearest(name, (*kind_of, *SWITCHES))
                 raise InputError(f"{OPTION}: {name!r} is not a change; {offer}.")
-            if name in switches or known.get(name) in most:
+            if name in switches or kind_of.get(name) in most:
                 raise InputError(f"{OPTION}: {name} is named twice; name it once.")
             if name in SWITCHES:
                 if equals:
@@ -99,9 +99,9 @@ class Allowed:
                 switches.add(name)
                 continue
             if not number.isdecimal() or int(number) < 1:
-                given = f"{number!r} is not a valid number" if equals else "a number is missing"
-                raise InputError(f"{OPTION}: {entry!r}: {given} of {name}; write {name}=4.")
-            most[known[name]] = int(number)
+                fault = f"{number!r} is not a valid number" if equals else "a number is missing"
+                raise InputError(f"{OPTION}: {entry!r}: {fault} of {name}; write {name}=4.")
+            most[kind_of[name]] = int(number)
         return cls(most, *(name in switches for name in SWITCHES))
 
     def check(self, costs: Costs, source: str) -> None:

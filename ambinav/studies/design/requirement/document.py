@@ -173,20 +173,20 @@ def money(value: float) -> str:
 def _summary(solution: Solution, trips: tuple[TripPart, ...]) -> str:
     budget = "" if solution.budget is None else f" within a budget of {money(solution.budget)}"
     changes = f"{state_label(solution.after.state)} for {money(solution.cost)}"
-    wanted, figure = f'"{solution.requirement}"', _figure(solution, trips)
+    requirement, figure = f'"{solution.requirement}"', _figure(solution, trips)
     if solution.met is None:
         best = (
             f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
         )
         return f"{best}: {figure}."
     if solution.met and not solution.steps:
-        return f"{wanted} holds already: nothing to do, at no cost; {figure}."
+        return f"{requirement} holds already: nothing to do, at no cost; {figure}."
     if solution.met:
-        return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
+        return f"{requirement} is met by {changes}, the cheapest changes found{budget}: {figure}."
     none = "no allowed change helps" if solution.budget is None else "no change within it helps"
     best = f"the best found is {changes}" if solution.steps else none
     figure += _audited(solution)
-    return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
+    return f"{requirement} cannot be met by the changes that were tried{budget}; {best}: {figure}."
 
 
 def _audited(solution: Solution) -> str:
@@ -247,14 +247,14 @@ def state_label(state: State) -> str:
 
 
 def _floor(solution: Solution, mapped: MappedState) -> FloorPart:
-    areas, own = mapped.state.areas, mapped.own_areas
+    areas, own_areas = mapped.state.areas, mapped.own_areas
     return FloorPart(
         bad_area_m2=mapped.state.bad,
         bad_share=mapped.state.bad / float(areas.sum()),
         corridor_area_m2=float(areas[CORRIDOR]),
         open_area_m2=float(areas[OPEN]),
         value=None if solution.requirement is None else solution.requirement.value(mapped.state),
-        audit_bad_share=bad_area(own) / max(float(own.sum()), 1e-9),
+        audit_bad_share=bad_area(own_areas) / max(float(own_areas.sum()), 1e-9),
     )
 
 
@@ -282,10 +282,10 @@ def _curve(solution: Solution) -> tuple[PointPart, ...]:
     best: dict[tuple[str, float], State] = {}
     for state in solution.states:
         key = state_label(state), round(state.cost, 4)
-        if key not in best or _left(state) < _left(best[key]):
+        if key not in best or _remaining_bad(state) < _remaining_bad(best[key]):
             best[key] = state
     counted = float(solution.before.state.areas.sum())
-    values = [(label, _left(state), cost) for (label, cost), state in best.items()]
+    values = [(label, _remaining_bad(state), cost) for (label, cost), state in best.items()]
     front = Front.of("cost", "cost", "", values)
     return tuple(
         PointPart(
@@ -301,7 +301,7 @@ def _curve(solution: Solution) -> tuple[PointPart, ...]:
     )
 
 
-def _left(state: State) -> float:
+def _remaining_bad(state: State) -> float:
     """Return what a state leaves of what is to be less: lost robots of trips, or bad floor."""
     return state.bad if state.lost is None else float(state.lost.max())
 

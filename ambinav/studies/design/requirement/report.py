@@ -82,12 +82,12 @@ def draw_zones(solution: Solution, report: Document, placed: bool) -> Axes:
 
 def draw_curve(solution: Solution, report: Document) -> Figure:
     """Draw what is left over cost: the states that were looked at, those on the front joined."""
-    is_lost, wanted = bool(report.trips), solution.requirement
+    is_lost, requirement = bool(report.trips), solution.requirement
     limit = None
-    if wanted is not None and wanted.condition.quantity.name in (*BAD, LOST):
-        number = wanted.condition.limit.number
-        of_floor = wanted.condition.quantity.unit == "%" and not is_lost
-        limit = number / 100.0 * report.counted_area_m2 if of_floor else number, str(wanted)
+    if requirement is not None and requirement.condition.quantity.name in (*BAD, LOST):
+        number = requirement.condition.limit.number
+        of_floor = requirement.condition.quantity.unit == "%" and not is_lost
+        limit = number / 100.0 * report.counted_area_m2 if of_floor else number, str(requirement)
     left = report.after.value if is_lost else report.after.bad_area_m2
     assert left is not None
     curve = CostCurve(

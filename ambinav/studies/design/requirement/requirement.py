@@ -88,9 +88,9 @@ class Requirement:
             turned = operator.translate(str.maketrans("<>", "><"))
             limit = replace(condition.limit, operator=turned)
             lost = condition.quantity.name == LOST
-            asked = "lost robots" if lost else f"{'localizable' if good else 'bad'} floor"
+            amount = "lost robots" if lost else f"{'localizable' if good else 'bad'} floor"
             raise InputError(
-                f'{OPTION}: "{condition}" asks for {"less" if good else "more"} {asked}; a '
+                f'{OPTION}: "{condition}" asks for {"less" if good else "more"} {amount}; a '
                 f'requirement says what must hold, e.g. "{replace(condition, limit=limit)}".'
             )
         if condition.quantity.name == LOST and not LEAST_LOST <= condition.limit.number < 100.0:

@@ -44,14 +44,14 @@ class MappedState:
     Attributes:
         state: The state, its areas by the map.
         environment: The changed building.
-        whole: Its map.
+        full_map: Its map.
         reach: Floor that the robot reaches in the building as it is.
         losses: Lost robots on the trips; None: there are no trips.
     """
 
     state: State
     environment: Environment
-    whole: AmbiguityMap
+    full_map: AmbiguityMap
     reach: Reach
     losses: TripLosses | None = None
 
@@ -59,7 +59,7 @@ class MappedState:
     def amap(self) -> AmbiguityMap:
         """The map, judged for the robot in the changed building."""
         reach = reach_of(self.environment, self.reach.radius, self.reach.start)
-        return self.whole.for_robot(reach)
+        return self.full_map.for_robot(reach)
 
     @property
     def own_areas(self) -> Floats:
@@ -165,14 +165,14 @@ class ChangeSearch:
         """Look for obstacles that help with a scanner, as far as they can pay."""
         if not self.terms.most:
             return
-        known = self.tried[hardware]
+        trial = self.tried[hardware]
         cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
-        if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
+        if not trial.bad or cheapest > self.limit or self._is_dear(cheapest):
             return
         weight = self._weight(hardware)
         if weight is not None and not weight.any():
             return
-        self.tried[hardware] = replace(known, candidates=self._place(hardware))
+        self.tried[hardware] = replace(trial, candidates=self._place(hardware))
 
     def nearest(self) -> State:
         """Return the state within the budget that comes nearest to the requirement."""

@@ -22,7 +22,7 @@ from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.array_types import Bools, Bytes
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, silent, within
+from ambinav.runtime.progress import Progress, silent, step_of, within
 from ambinav.sensing.robot_radius import common_robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
@@ -218,22 +218,17 @@ def compare_scanners(
     if robot_radius is None:
         robot_radius = common_robot_radius(chosen)
     reach = find_reach(environment, robot_radius, start)
+    driven: tuple[Route, ...] = ()
     if routes is not None:
         driven = check_routes(environment, reach.radius, routes)
     elif pairs:
-        rng = rng or np.random.default_rng(0)
-        driven = sample_routes(environment, reach, pairs, rng)
-    else:
-        driven = ()
+        driven = sample_routes(environment, reach, pairs, rng or np.random.default_rng(0))
     rows: list[ScannerRow] = []
     unusable: list[UnusablePart] = []
     reasons: list[InputError] = []
     amap: AmbiguityMap | None = None
     for done, scanner in enumerate(chosen):
-
-        def part(share: float, done: int = done) -> None:
-            progress((done + share) / len(chosen))
-
+        part = step_of(progress, done, len(chosen))
         able, lacking = _layers_of(names, scanner, environment)
         try:
             made, seconds = _timed_map(
@@ -292,8 +287,8 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
         InputError: there is none, one cannot be loaded, or two different ones have one name.
     """
     by_name: dict[str, RangeScanner] = {}
-    for given in scanners:
-        scanner = given if isinstance(given, RangeScanner) else RangeScanner.load(given)
+    for named in scanners:
+        scanner = named if isinstance(named, RangeScanner) else RangeScanner.load(named)
         if by_name.setdefault(scanner.name, scanner) != scanner:
             raise InputError(
                 f"scanner {scanner.name!r}: two different scanners have this name; give each its "
@@ -337,17 +332,17 @@ def _timed_map(
 ) -> tuple[AmbiguityMap, float | None]:
     """Return the map and the seconds to build it; None seconds if it was opened from the store."""
     began: list[float] = []
-    own = MapStore.of_user() if store is True else store or MapStore(None)
+    map_store = MapStore.of_user() if store is True else store or MapStore(None)
 
     def before() -> None:
-        if own.before_build is not None:
-            own.before_build()
+        if map_store.before_build is not None:
+            map_store.before_build()
         began.append(time.perf_counter())
 
     amap = build_map(
         environment, scanner, spacing, radius, headings, map_std,
         progress=within(progress, 0.0, 1.0 - _ROUTES_SHARE), layers=layers,
-        store=replace(own, before_build=before),
+        store=replace(map_store, before_build=before),
     )  # fmt: skip
     return amap, time.perf_counter() - began[0] if began else None
 
@@ -358,13 +353,13 @@ def _layer_means(
     means = {}
     for name in names:
         values = np.asarray(amap.floor(name, "mean").values, dtype=np.float64)[parts.counted]
-        known = values[np.isfinite(values)]
+        finite = values[np.isfinite(values)]
         attrs = amap.dataset[name].attrs
         means[name] = LayerPart(
             title=str(attrs.get("long_name", name)),
             unit=str(attrs.get("units", "")),
             worse=str(attrs.get("worse", "")),
-            mean=float(known.mean()) if known.size else None,
+            mean=float(finite.mean()) if finite.size else None,
         )
     return means
 

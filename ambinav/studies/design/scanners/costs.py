@@ -71,12 +71,12 @@ class Costs:
         missing = [name for name in names if name not in self.by_name]
         unused = [name for name in self.by_name if name not in names]
         return tuple(
-            f"{self.source}: {text}: {', '.join(those)}."
-            for text, those in (
+            f"{self.source}: {text}: {', '.join(affected)}."
+            for text, affected in (
                 ("no price or power is given for", missing),
                 ("listed but not compared", unused),
             )
-            if those
+            if affected
         )
 
 

@@ -183,15 +183,15 @@ def check_routes(
         checker = CollisionChecker(environment, Footprint.disc(radius), route.steering)
         x, y, theta = route.poses.T
         bad = np.flatnonzero(~checker.poses_free(route.poses))
-        what = "stand"
+        verb = "stand"
         if not bad.size:
             bad = np.flatnonzero(~checker.motions_free(route.poses[:-1], route.poses[1:]))
-            what = "drive on"
+            verb = "drive on"
         if bad.size:
             at = bad[0]
             why = checker.why_not(float(x[at]), float(y[at]), float(theta[at])) or "blocked"
             raise InputError(
                 f"{name}: at ({x[at]:.2f}, {y[at]:.2f}) m a robot of radius {radius:g} m cannot "
-                f"{what} ({why}); give a route of this building, or a smaller robot radius."
+                f"{verb} ({why}); give a route of this building, or a smaller robot radius."
             )
     return tuple(route for _, route in routes)

@@ -181,13 +181,13 @@ def document(result: SweepResult) -> Document:
 def _parameters(result: SweepResult) -> dict[str, float]:
     """Return the parameters of the maps; `tau` follows from each scanner."""
     model = result.levels.model.as_dict()
-    known = {name: value for name, value in model.items() if name != "tau"}
-    known["spacing"] = result.spacing
+    parameters = {name: value for name, value in model.items() if name != "tau"}
+    parameters["spacing"] = result.spacing
     if result.robot_radius is None:
-        del known["robot_radius"]
+        del parameters["robot_radius"]
     else:
-        known["robot_radius"] = result.robot_radius
-    return known
+        parameters["robot_radius"] = result.robot_radius
+    return parameters
 
 
 def _setting(

@@ -65,13 +65,14 @@ def figures(level: Floats32, zone: Bytes, weight: Floats) -> Figures:
             can.
     """
     each = _spread(level, weight)
-    known = each > 0.0
-    values, share = level[known].astype(np.float64), each[known] / max(float(each.sum()), 1e-300)
+    counted = each > 0.0
+    values = level[counted].astype(np.float64)
+    share = each[counted] / max(float(each.sum()), 1e-300)
     if not len(values):
         return Figures(math.nan, math.nan, math.nan, dict.fromkeys(ZONES, math.nan), 0.0)
     order = np.argsort(values)
     below = np.searchsorted(np.cumsum(share[order]), PERCENTILE - 1e-9)
-    zones = np.bincount(zone[known], weights=share, minlength=len(ZONES))
+    zones = np.bincount(zone[counted], weights=share, minlength=len(ZONES))
     return Figures(
         mean=float(values @ share),
         p95=float(values[order[min(int(below), len(order) - 1)]]),
@@ -130,15 +131,15 @@ def difference(
 
 def _mean(values: Floats, weight: Floats) -> tuple[float, Floats]:
     """Compute the mean over places with a value, nan if none has, and the error of each, (K,)."""
-    known = np.isfinite(values)
-    if not known.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return math.nan, np.zeros(len(values))
-    share = np.where(known, weight, 0.0) / weight[known].sum()
-    mean = float(share[known] @ values[known])
-    return mean, share * np.where(known, values - mean, 0.0)
+    share = np.where(finite, weight, 0.0) / weight[finite].sum()
+    mean = float(share[finite] @ values[finite])
+    return mean, share * np.where(finite, values - mean, 0.0)
 
 
 def _spread(level: Floats32, weight: Floats) -> Floats:
     """Return the weight of each place and heading, (K, H)."""
-    known = np.isfinite(level)
-    return np.where(known, (weight / np.maximum(known.sum(axis=1), 1))[:, None], 0.0)
+    finite = np.isfinite(level)
+    return np.where(finite, (weight / np.maximum(finite.sum(axis=1), 1))[:, None], 0.0)

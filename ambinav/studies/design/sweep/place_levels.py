@@ -108,14 +108,14 @@ def place_levels(
     places = region.places(lattice, headings, reach)
     amount = float(places.weight.sum())
     if region.kind != "route":
-        known = explored(lattice, floor_of, places.point, model, floor_headings)
-        if not known.any():
+        is_explored = explored(lattice, floor_of, places.point, model, floor_headings)
+        if not is_explored.any():
             raise InputError(
                 f"region {region.title}: none of its floor in {env.name} is explored: with scanner "
                 f"{floor_of.name!r} half of the beams or more end in unknown space, or a sensor "
                 "stands in a wall; give another region, or check the mounts (metres)."
             )
-        places = replace(places.among(known), of=int(known.sum()))
+        places = replace(places.among(is_explored), of=int(is_explored.sum()))
         amount = len(places) * lattice.cell_area
     if most_places:
         places = places.sampled(lattice, most_places, rng)

@@ -77,11 +77,11 @@ def draw_directions(result: SweepResult, env: Environment) -> Figure:
     """Draw the best direction of the scanner at each place."""
     turning, levels = result.turning, result.levels
     assert turning is not None  # `pictures` asks for it then only
-    known = turning.best != NOWHERE
+    fits = turning.best != NOWHERE
     yaw = np.radians(np.array(turning.yaws))[turning.best]
     heading = levels.headings[np.maximum(levels.places.heading, 0)]
-    angle = np.where(known, heading + yaw, np.nan)
-    gain = np.where(known, turning.gain_at, np.nan)
+    angle = np.where(fits, heading + yaw, np.nan)
+    gain = np.where(fits, turning.gain_at, np.nan)
     yaw_axis = [variation.name for variation in result.variations].index("yaw")
     others = _other_best_values(result, yaw_axis)
     title = f"Best direction of {result.scanner.name} in {where_text(result)}"

@@ -14,7 +14,7 @@ import numpy as np
 from ambinav.casting.scans import GIVE_HEIGHTS, check_rays
 from ambinav.config import as_count
 from ambinav.drive.bootstrap import Interval
-from ambinav.geometry.collision.reach import find_reach
+from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import HEADINGS
 from ambinav.runtime.array_types import Floats
@@ -289,16 +289,7 @@ def sweep_scanner(
     if places:
         places = as_count(places, "places")
     region = region or Region.of_map()
-    variations = tuple(
-        Variation.parse(variation) if isinstance(variation, str) else variation
-        for variation in vary
-    )
-    for variation in variations:
-        if env.space is None and VARIABLES[variation.name].in_space:
-            raise InputError(
-                f"vary {variation.name}: {env.name} is a plan, which has no heights; "
-                f"{GIVE_HEIGHTS}."
-            )
+    variations = _variations(env, vary)
     check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     grid = settings(scanner, variations, part)
     names = [variation.name for variation in variations]
@@ -306,12 +297,7 @@ def sweep_scanner(
     present = Setting(present_values(scanner, variations, part), scanner)
     computed = [*(_unturned(setting, names, scanner, part) for setting in grid), scanner]
     angles, text = _headings(region, yaw is not None, computed, heading, headings)
-    if region.kind != "route":
-        reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
-    elif robot_radius is not None or start is not None:
-        raise InputError("robot_radius, start: all floor of a route counts; leave them out.")
-    else:
-        reach = None
+    reach = _reach(env, scanner, region, robot_radius, start)
     first = first_twins(computed)
     different = sorted(set(first))
     rows = tuple(different.index(i) for i in first)
@@ -365,6 +351,36 @@ def sweep_scanner(
     if yaw is None:
         return result
     return replace(result, turning=_compare_yaws(result, yaw))
+
+
+def _variations(env: Environment, vary: Sequence[Variation | str]) -> tuple[Variation, ...]:
+    """Return the variations; in a plan none of them may be of a height or a pitch."""
+    variations = tuple(
+        Variation.parse(variation) if isinstance(variation, str) else variation
+        for variation in vary
+    )
+    for variation in variations:
+        if env.space is None and VARIABLES[variation.name].in_space:
+            raise InputError(
+                f"vary {variation.name}: {env.name} is a plan, which has no heights; "
+                f"{GIVE_HEIGHTS}."
+            )
+    return variations
+
+
+def _reach(
+    env: Environment,
+    scanner: RangeScanner,
+    region: Region,
+    robot_radius: float | None,
+    start: Sequence[float] | None,
+) -> Reach | None:
+    """Return the floor that the robot reaches; None on a route, where all floor counts."""
+    if region.kind != "route":
+        return find_reach(env, robot_radius or own_robot_radius(scanner), start)
+    if robot_radius is not None or start is not None:
+        raise InputError("robot_radius, start: all floor of a route counts; leave them out.")
+    return None
 
 
 def _unturned(
@@ -424,8 +440,8 @@ def _headings(
     if heading is None and headings is None and turned:
         heading = 0.0
     if heading is not None:
-        kept = f"{math.degrees(heading):g}° in the map, which the robot keeps"
-        return np.array([heading]), kept
+        heading_text = f"{math.degrees(heading):g}° in the map, which the robot keeps"
+        return np.array([heading]), heading_text
     count = headings or HEADINGS
     return 2.0 * math.pi * np.arange(count) / count, f"{count}, weighted equally"
 

@@ -71,11 +71,11 @@ def turning(
         weight: Weight of the places, shape (K,).
         of: Number of places that these represent.
     """
-    known = np.isfinite(level).all(axis=0)
-    if not known.any():
+    fits = np.isfinite(level).all(axis=0)
+    if not fits.any():
         return None
-    levels, zones = level[:, known].astype(np.float64), zone[:, known]
-    share = weight[known] / weight[known].sum()
+    levels, zones = level[:, fits].astype(np.float64), zone[:, fits]
+    share = weight[fits] / weight[fits].sum()
     fixed = int(np.argmin(np.round(levels @ share, 9)))
     least = levels.min(axis=0)
     # Of equals the fixed yaw, so that no scanner is turned without a gain.
@@ -83,19 +83,19 @@ def turning(
     bad = np.isin(zones, BAD)
     each = np.arange(len(best))
     everywhere = np.full(len(weight), NOWHERE, dtype=np.int64)
-    everywhere[known] = best
+    everywhere[fits] = best
     gain_at = np.full(len(weight), np.nan)
-    gain_at[known] = levels[fixed] - levels[best, each]
+    gain_at[fits] = levels[fixed] - levels[best, each]
     return Turning(
         yaws=yaws,
         fixed=fixed,
         best=everywhere,
         fixed_mean=float(levels[fixed] @ share),
         turned_mean=float(levels[best, each] @ share),
-        gain=difference(levels[fixed], levels[best, each], weight[known], of, len(weight)),
+        gain=difference(levels[fixed], levels[best, each], weight[fits], of, len(weight)),
         fixed_bad=float(bad[fixed] @ share),
         turned_bad=float(bad[best, each] @ share),
         shares=tuple(np.bincount(best, weights=share, minlength=len(yaws)).tolist()),
         gain_at=gain_at,
-        standing=float(weight[known].sum() / weight.sum()),
+        standing=float(weight[fits].sum() / weight.sum()),
     )

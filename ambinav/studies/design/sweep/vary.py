@@ -70,9 +70,7 @@ def _yaw(part: Part) -> float | None:
 
 
 def _beams(part: Part) -> float | None:
-    if isinstance(part.layout, Planar):
-        return float(part.layout.beams)
-    return float(part.layout.count) if isinstance(part.layout, Ring) else None
+    return float(_count(part.layout)) if isinstance(part.layout, Planar | Ring) else None
 
 
 def _height(part: Part) -> float | None:
@@ -152,7 +150,7 @@ class Variation:
                 f"vary: {self.name!r} is not a property of a scanner; "
                 f"{nearest(self.name, VARIABLES)}."
             )
-        kept: list[float] = []
+        distinct: list[float] = []
         for value in self.values:
             if not math.isfinite(value):
                 raise InputError(f"vary {self.name}: {value} is not finite; give a number.")
@@ -169,11 +167,11 @@ class Variation:
                     f"vary height: {value:g} m is not above the floor; give metres above 0."
                 )
             turn = 360.0 if self.name == "yaw" else math.inf
-            if all(abs(math.remainder(value - other, turn)) > _SAME for other in kept):
-                kept.append(value)
-        if not kept:
+            if all(abs(math.remainder(value - other, turn)) > _SAME for other in distinct):
+                distinct.append(value)
+        if not distinct:
             raise InputError(f"vary {self.name}: there is no value; give at least one.")
-        object.__setattr__(self, "values", tuple(kept))
+        object.__setattr__(self, "values", tuple(distinct))
 
     @classmethod
     def parse(cls, text: str) -> Variation:
@@ -332,8 +330,8 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
     except InputError as error:
         raise InputError(f"vary {named}: {error}") from error
     changed = Part(sensor, layout)
-    what = _differences(part, changed, values)
-    if not what:
+    changes = _differences(part, changed, values)
+    if not changes:
         return scanner
     of_part = f" of part {at + 1} ({part.sensor.name or 'unnamed'})" if scanner.parts[1:] else ""
     was = f" ({scanner.description})" if scanner.description else ""
@@ -341,7 +339,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
         scanner,
         parts=(*scanner.parts[:at], changed, *scanner.parts[at + 1 :]),
         name=f"{scanner.name} ({named})",
-        description=f"{scanner.name}{was}, but{of_part} {', '.join(what)}",
+        description=f"{scanner.name}{was}, but{of_part} {', '.join(changes)}",
     )
 
 

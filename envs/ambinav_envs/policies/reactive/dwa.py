@@ -54,15 +54,15 @@ class Dwa:
 
     def _window(self, now: Situation) -> tuple[Floats, Floats]:
         """Return speeds and turn rates of the C candidates, shape (N, C) each; the last stands."""
-        own, robot = self._parameters, self._robot
+        parameters, robot = self._parameters, self._robot
         change, turn = robot.acceleration * self._dt, robot.turn_acceleration * self._dt
         low = np.clip(now.speed - change, 0.0, robot.max_speed)
         high = np.clip(now.speed + change, 0.0, robot.max_speed)
-        steps = np.linspace(0.0, 1.0, own.speeds)
+        steps = np.linspace(0.0, 1.0, parameters.speeds)
         speed = low[:, None] + (high - low)[:, None] * steps
-        rate = now.rate[:, None] + turn * np.linspace(-1.0, 1.0, own.rates)
+        rate = now.rate[:, None] + turn * np.linspace(-1.0, 1.0, parameters.rates)
         rate = np.clip(rate, -robot.max_turn_rate, robot.max_turn_rate)
-        each = (len(now.speed), own.speeds, own.rates)
+        each = (len(now.speed), parameters.speeds, parameters.rates)
         speeds = np.broadcast_to(speed[:, :, None], each).reshape(len(now.speed), -1)
         rates = np.broadcast_to(rate[:, None, :], each).reshape(len(now.speed), -1)
         stand = np.zeros((len(now.speed), 1))
@@ -70,26 +70,26 @@ class Dwa:
 
     def _score(self, x: Floats, y: Floats, speed: Floats, rate: Floats, now: Situation) -> Floats:
         """Compute the objective of each candidate, shape (N, C); -inf if it cannot stop in time."""
-        own, robot = self._parameters, self._robot
+        parameters, robot = self._parameters, self._robot
         moving = speed > 1e-6
         curvature = np.where(moving, rate / np.where(moving, speed, 1.0), 0.0)
-        room = room_around(x, y, robot.radius, own.margin)
-        length = free_lengths(x, y, curvature, room, own.reach)
-        length = np.where(moving, length, own.reach)
+        room = room_around(x, y, robot.radius, parameters.margin)
+        length = free_lengths(x, y, curvature, room, parameters.reach)
+        length = np.where(moving, length, parameters.reach)
         admissible = speed <= stopping_speed(length, robot.acceleration, self._dt) + 1e-9
         # Obstacles beyond the waypoint do not affect the preference.
-        reach = np.minimum(own.reach, np.maximum(now.distance, 0.1))[:, None]
+        reach = np.minimum(parameters.reach, np.maximum(now.distance, 0.1))[:, None]
         clearance = np.minimum(length / reach, 1.0)
         turned = self._turn_on_arc(rate)
-        driven = np.minimum(speed * own.horizon, length)
+        driven = np.minimum(speed * parameters.horizon, length)
         chord = driven * np.sinc(0.5 * turned / math.pi)
         px = (now.distance * np.cos(now.bearing))[:, None] - chord * np.cos(0.5 * turned)
         py = (now.distance * np.sin(now.bearing))[:, None] - chord * np.sin(0.5 * turned)
         off = np.abs(wrap_angles(np.arctan2(py, px) - turned))
         score = (
-            own.heading * (1.0 - off / math.pi)
-            + own.clearance * clearance
-            + own.velocity * speed / robot.max_speed
+            parameters.heading * (1.0 - off / math.pi)
+            + parameters.clearance * clearance
+            + parameters.velocity * speed / robot.max_speed
         )
         return np.where(admissible | ~moving, score, -np.inf)
 
@@ -99,16 +99,16 @@ class Dwa:
 
     def _turn_away(self, x: Floats, y: Floats, want: Floats, now: Situation) -> Floats:
         """Return the speeds; stuck robots turn to the freer side until the path ahead is free."""
-        own, robot = self._parameters, self._robot
+        parameters, robot = self._parameters, self._robot
         sides = np.linspace(-2.0, 2.0, 5)
-        room = room_around(x, y, robot.radius, own.margin)
+        room = room_around(x, y, robot.radius, parameters.margin)
         bends = np.broadcast_to(sides, (len(x), len(sides)))
-        lengths = free_lengths(x, y, bends, room, own.reach)
+        lengths = free_lengths(x, y, bends, room, parameters.reach)
         stuck = (want[:, 0] < SLOW * robot.max_speed) & (
             np.abs(want[:, 1]) < SLOW * robot.max_turn_rate
         )
         side = np.where(lengths[:, 3:].sum(axis=1) >= lengths[:, :2].sum(axis=1), 1.0, -1.0)
-        free = lengths[:, 2] >= np.minimum(0.5 * own.reach, now.distance)
+        free = lengths[:, 2] >= np.minimum(0.5 * parameters.reach, now.distance)
         self._away = np.where(free, 0.0, np.where(stuck & (self._away == 0.0), side, self._away))
         turning = self._away != 0.0
         rate = 0.5 * robot.max_turn_rate * self._away

@@ -43,13 +43,13 @@ class EchoFilter:
         if self._x.shape != x.shape:
             self._x, self._y = x, y
         old_x, old_y = seen_after(self._x[:, :, None], self._y[:, :, None], turned, moved)
-        there, known = np.isfinite(x), np.isfinite(old_x)
-        px, py = np.where(there, x, 0.0), np.where(there, y, 0.0)
+        is_seen, was_seen = np.isfinite(x), np.isfinite(old_x)
+        px, py = np.where(is_seen, x, 0.0), np.where(is_seen, y, 0.0)
         # Far from everything, so that the distances stay finite.
-        ox, oy = np.where(known, old_x, 1e6), np.where(known, old_y, 1e6)
+        ox, oy = np.where(was_seen, old_x, 1e6), np.where(was_seen, old_y, 1e6)
         apart = (px[:, None, :] - ox) ** 2 + (py[:, None, :] - oy) ** 2
         near = (NEAR + NEAR_SHARE * np.hypot(px, py)) ** 2
-        good = there & (first[:, None] | (apart.min(axis=1) <= near))
+        good = is_seen & (first[:, None] | (apart.min(axis=1) <= near))
         self._x, self._y = x, y
         return np.where(good, x, np.inf), np.where(good, y, np.inf)
 
@@ -70,7 +70,7 @@ class EchoMemory:
     def __init__(self, scan_points: ScanPoints, seconds: float, dt: float, every: float) -> None:
         self._scan_points = scan_points
         self._stride = max(1, round(every / dt))
-        self._kept = 0 if scan_points.all_around else round(seconds / (self._stride * dt))
+        self._slots = 0 if scan_points.all_around else round(seconds / (self._stride * dt))
         self._step = 0
         self._x = self._y = np.empty((0, 0, 0))
 
@@ -84,20 +84,20 @@ class EchoMemory:
             moved: Metres likewise, along the arc.
             starts: Robots whose episode has just begun, bool, shape (N,).
         """
-        if self._kept == 0:
+        if self._slots == 0:
             return x, y
-        shape = (len(x), self._kept, x.shape[1])
+        shape = (len(x), self._slots, x.shape[1])
         if self._x.shape != shape:
             self._x, self._y = np.full((2, *shape), np.inf)
         self._x[starts] = self._y[starts] = np.inf
         self._x, self._y = seen_after(self._x, self._y, turned, moved)
         angle = np.arctan2(self._y, self._x)
-        gone = np.isfinite(self._x)
-        gone[gone] = ~self._scan_points.in_view(angle[gone])
-        old_x = np.where(gone, self._x, np.inf).reshape(len(x), -1)
-        old_y = np.where(gone, self._y, np.inf).reshape(len(x), -1)
+        out_of_view = np.isfinite(self._x)
+        out_of_view[out_of_view] = ~self._scan_points.in_view(angle[out_of_view])
+        old_x = np.where(out_of_view, self._x, np.inf).reshape(len(x), -1)
+        old_y = np.where(out_of_view, self._y, np.inf).reshape(len(x), -1)
         if self._step % self._stride == 0:
-            slot = self._step // self._stride % self._kept
+            slot = self._step // self._stride % self._slots
             self._x[:, slot], self._y[:, slot] = x, y
         self._step += 1
         return np.concatenate([x, old_x], axis=1), np.concatenate([y, old_y], axis=1)
@@ -116,9 +116,9 @@ def seen_after(x: Floats, y: Floats, turned: Floats, moved: Floats) -> Points:
     chord = moved * np.sinc(half / math.pi)
     along, across = (chord * np.cos(half))[:, None, None], (chord * np.sin(half))[:, None, None]
     cos, sin = np.cos(turned)[:, None, None], np.sin(turned)[:, None, None]
-    known = np.isfinite(x)
-    dx, dy = np.where(known, x, 0.0) - along, np.where(known, y, 0.0) - across
+    finite = np.isfinite(x)
+    dx, dy = np.where(finite, x, 0.0) - along, np.where(finite, y, 0.0) - across
     return (
-        np.where(known, cos * dx + sin * dy, np.inf),
-        np.where(known, cos * dy - sin * dx, np.inf),
+        np.where(finite, cos * dx + sin * dy, np.inf),
+        np.where(finite, cos * dy - sin * dx, np.inf),
     )

@@ -67,16 +67,18 @@ class Vfh:
 
     def _binary(self, x: Floats, y: Floats, sectors: Floats, now: Situation) -> Bools:
         """Return which sectors are blocked, shape (N, S): primary histogram and two thresholds."""
-        own = self._parameters
-        magnitude = self._magnitude(x, y, sectors, now.distance, own.clearance)
+        parameters = self._parameters
+        magnitude = self._magnitude(x, y, sectors, now.distance, parameters.clearance)
         blocked = np.where(
-            magnitude > own.high, True, np.where(magnitude < own.low, False, self._blocked)
+            magnitude > parameters.high,
+            True,
+            np.where(magnitude < parameters.low, False, self._blocked),
         )
         tight = blocked.all(axis=1)
         if tight.any():
             # Narrower than with the clearance: the robot itself may still fit.
             bare = self._magnitude(x[tight], y[tight], sectors[tight], now.distance[tight], 0.0)
-            blocked[tight] = bare > own.high
+            blocked[tight] = bare > parameters.high
         self._blocked = blocked
         return blocked.copy()
 
@@ -119,9 +121,9 @@ class Vfh:
 
     def _direction(self, blocked: Bools, sectors: Floats, now: Situation) -> Floats:
         """Return the candidate of least cost, shape (N,), radians in the robot's frame."""
-        own = self._parameters
+        parameters = self._parameters
         count = len(self._sectors)
-        half = max(1, round(0.5 * own.wide / (2.0 * math.pi) * count))
+        half = max(1, round(0.5 * parameters.wide / (2.0 * math.pi) * count))
         before, after = free_run(blocked[:, ::-1])[:, ::-1], free_run(blocked)
         wide = before + after + 1 >= 2 * half
         middle = (before == after) | (before == after + 1)
@@ -136,9 +138,9 @@ class Vfh:
         angle = np.where(target & inside, now.bearing[:, None], wrap_angles(sectors + between))
         previous = (self._steered - self._turned)[:, None]
         cost = (
-            own.target * np.abs(wrap_angles(angle - now.bearing[:, None]))
-            + own.heading * np.abs(angle)
-            + own.previous * np.abs(wrap_angles(angle - previous))
+            parameters.target * np.abs(wrap_angles(angle - now.bearing[:, None]))
+            + parameters.heading * np.abs(angle)
+            + parameters.previous * np.abs(wrap_angles(angle - previous))
         )
         best = np.where(candidate, cost, np.inf).argmin(axis=1)
         return np.asarray(np.take_along_axis(angle, best[:, None], axis=1)[:, 0])
@@ -147,11 +149,11 @@ class Vfh:
         self, x: Floats, y: Floats, direction: Floats, stop: Bools, now: Situation
     ) -> Floats:
         """Return speeds on the arc into the direction, low enough to stop, or a turn in place."""
-        own, robot = self._parameters, self._robot
-        spot = (np.abs(direction) > own.spot) | stop
-        curvature = np.where(spot, 0.0, 2.0 * np.sin(direction) / own.ahead)
+        parameters, robot = self._parameters, self._robot
+        spot = (np.abs(direction) > parameters.spot) | stop
+        curvature = np.where(spot, 0.0, 2.0 * np.sin(direction) / parameters.ahead)
         reach = robot.max_speed**2 / robot.acceleration + 2.0 * robot.max_speed * self._dt
-        room = room_around(x, y, robot.radius, own.margin)
+        room = room_around(x, y, robot.radius, parameters.margin)
         arcs = np.stack([curvature, self._reached(curvature, now)], axis=1)
         length = free_lengths(x, y, arcs, room, reach).min(axis=1)
         limit = 1.0 if now.limit is None else now.limit
@@ -161,7 +163,7 @@ class Vfh:
         speed = np.minimum(speed, robot.max_turn_rate / np.maximum(np.abs(curvature), 1e-9))
         # An arc without clearance: the robot turns until there is some.
         spot |= speed < 0.05 * robot.max_speed
-        rate = np.where(spot, own.gain * direction, speed * curvature)
+        rate = np.where(spot, parameters.gain * direction, speed * curvature)
         rate = np.clip(rate, -fastest, fastest)
         return np.stack([np.where(spot, 0.0, speed), rate], axis=1)
 

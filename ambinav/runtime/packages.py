@@ -1,4 +1,4 @@
-"""Optional packages that a command needs."""
+"""Optional packages: what to install where one is missing."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
 """Packages of training, and of trained policies."""
 
 
-def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
+def need(purpose: str, packages: Sequence[str], extra: str = "envs") -> None:
     """Raise an error that says how to install a missing package, before any is imported.
 
     Args:
-        what: Purpose of the packages.
+        purpose: Purpose of the packages.
         packages: Import names of the packages.
         extra: Extra of this distribution that installs them.
 
@@ -26,4 +26,4 @@ def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
     """
     for name in packages:
         if find_spec(name) is None:
-            raise InputError(f'{what} needs {name}; run: pip install "ambinav[{extra}]".')
+            raise InputError(f'{purpose} needs {name}; run: pip install "ambinav[{extra}]".')
