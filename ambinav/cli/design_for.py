@@ -165,7 +165,9 @@ def requirement(
             solution = meet_requirement(
                 environment,
                 chosen,
-                lambda env, mounted: map_options.build(env, mounted, bars(f"map: {mounted.name}")),
+                lambda env, mounted: map_options.build(
+                    env, mounted, bars(f"map: {mounted.name}"), quiet=env is not environment
+                ),
                 request.allowed,
                 request.costs,
                 obstacles.rules_of,

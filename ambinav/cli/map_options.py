@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -281,14 +281,19 @@ class MapOptions:
         scanner: RangeScanner,
         progress: Progress,
         robot_radius: float = 0.0,
+        *,
+        quiet: bool = False,
     ) -> AmbiguityMap:
         """Open the map from the store; otherwise announce, build and store it.
+
+        With `quiet` nothing is said of what is opened, as of the many maps of a search.
 
         Raises:
             InputError: an option does not suit this building, or see `MapStore.of_user`.
         """
         from ambinav.map_building.build import build_map
 
+        store = options.store_of(self.no_store, lambda: self.announce(environment, scanner))
         return build_map(
             environment,
             scanner,
@@ -296,7 +301,7 @@ class MapOptions:
             progress=progress,
             robot_radius=robot_radius,
             **self.arguments(scanner),
-            store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
+            store=replace(store, notify=None) if quiet else store,
         )
 
     def settings(

@@ -85,7 +85,8 @@ def read_costs(path: str | Path) -> Costs:
 
     `.csv`: a first line with `scanner` and one or both of `price` and `power`, then a line a
     scanner; an empty cell says that nobody knows. `.yaml`: a mapping from names of scanners to
-    `{price: ..., power: ...}`.
+    `{price: ..., power: ...}`, or a file of costs of `ambinav design for`, whose prices of scanners
+    are taken.
 
     Raises:
         InputError: the file cannot be read, has another ending, names a scanner twice, or a value
@@ -138,6 +139,10 @@ def _from_yaml(text: str, path: Path) -> dict[str, Cost]:
     plain = parse_yaml(text, str(path), EXAMPLE)
     if not isinstance(plain, dict):
         raise InputError(f"{path}: this is not a mapping from scanners to costs; {EXAMPLE}.")
+    prices = plain.get(NAME)
+    if isinstance(prices, dict) and not prices.keys() <= Cost.model_fields.keys():
+        # Of `ambinav design for`, with prices of posts and others beside them.
+        plain = {name: {"price": price} for name, price in prices.items()}
     return {
         str(name): checked(Cost, {} if row is None else row, f"{path}: {name}")
         for name, row in plain.items()

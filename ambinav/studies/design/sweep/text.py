@@ -210,6 +210,9 @@ class Words:
             ]
             text += [*self._fits(), self._next(), *self._fewer_beams()]
         text.append(self._present())
+        yaw_varies = any(variation.name == "yaw" for variation in result.variations)
+        if yaw_varies and not result.scanner.looks_all_around:
+            text.append(f"Headings of the robot: {result.headings}.")
         if result.turning is not None and len(result.turning.yaws) > 1:
             text.append(self._turning(result.turning))
         return " ".join(text)

@@ -78,3 +78,10 @@ def test_what_is_not_on_both_sides_is_said():
     )
     with pytest.raises(InputError, match=r"costs\.csv: none of the scanners that are compared"):
         costs.remarks(["c"])
+
+
+def test_prices_of_a_file_for_requirements(tmp_path):
+    path = tmp_path / "costs.yaml"
+    path.write_text("post: 40\nscanner: {rplidar-a1: 99}\n")
+    costs = read_costs(path)
+    assert costs.of("rplidar-a1") == Cost(price=99.0)
