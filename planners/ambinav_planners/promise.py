@@ -170,7 +170,7 @@ def _check_runs(runs: int, max_lost: float) -> None:
         enough = math.floor(least * runs / (1.0 - least) * (1.0 / max_lost - 1.0)) + 1
         raise InputError(
             f"max_lost is {max_lost:g}, but {runs} drives confirm no share below {least:.2g}, even "
-            f"where no robot gets lost; allow more, or {enough:,} drives."
+            f"where no robot gets lost; allow more, or drive {enough} (--drives, in Python runs)."
         )
 
 

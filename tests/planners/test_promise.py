@@ -111,7 +111,7 @@ def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
 
 def test_refuses_what_so_few_drives_cannot_confirm(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "good")
-    with pytest.raises(InputError, match=r"16 drives confirm no share below 0\.24, .* 96 drives"):
+    with pytest.raises(InputError, match=r"16 drives confirm no share below 0\.24, .* drive 96 "):
         route_within(robot, *ACROSS, forecaster, 0.05, runner=forecaster.runner(), seed=1, runs=16)
     assert least_shown(95) > 0.05 > least_shown(96)
 
