@@ -20,17 +20,19 @@ from ambinav.runtime.lanes import LANES
 # One in so many rows and columns is sampled.
 SAMPLED: Final = 4
 # Seconds that an update takes whatever sees the change.
-OVERHEAD: Final = 0.04
-# Of a build of so few seconds the sample alone would take a twentieth.
-SMALLEST: Final = 0.1
+OVERHEAD: Final = 0.03
 # Seconds of one thread of a build, for each pose and heading: to compare it with a neighbour, but
-# for the columns of the scan, and for each column (processor of benchmarks/results/update.md).
-PER_NEIGHBOUR: Final = 48e-9
-PER_COLUMN: Final = 1.6e-9
+# for the columns of the scan, for each column, and for each column whatever the neighbours, as to
+# cast it (fitted to 9 maps of 5 buildings and 5 scanners; their times come out to a third).
+PER_NEIGHBOUR: Final = 25e-9
+PER_COLUMN: Final = 1.4e-9
+PER_RAY: Final = 60e-9
 # Share of the time of a pose that its rays take; those of its neighbours are cast too.
 CASTING: Final = 0.3
 # The sample may be wrong by so much, and to save less is not worth it.
 MARGIN: Final = 0.1
+# A build of so few seconds is faster than any update.
+SMALLEST: Final = OVERHEAD / (1.0 - MARGIN)
 
 
 @dataclass(frozen=True)
@@ -114,5 +116,6 @@ def build_seconds(poses: int, beams: int, radius: float, spacing: float) -> floa
         spacing: Spacing of the lattice, metres.
     """
     columns = LANES * math.ceil(beams / LANES)
-    each = len(disc(radius, spacing)) * (PER_NEIGHBOUR + PER_COLUMN * columns)
+    compared = len(disc(radius, spacing)) * (PER_NEIGHBOUR + PER_COLUMN * columns)
+    each = compared + PER_RAY * columns
     return float(poses * each / numba.get_num_threads())

@@ -114,10 +114,18 @@ def test_the_expected_share_is_that_of_the_poses_computed() -> None:
     assert work.asks_cells and share - 0.05 < work.share < share + 0.3
 
 
+def test_a_post_in_a_coarse_map_of_a_floor_is_updated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on the page: 980 m² every 0.2 m, which two threads build in a tenth of a second."""
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
+    seconds = build_seconds(24_500, 60, 0.5, 0.2)
+    assert not worth.is_small(seconds)
+    assert ExpectedWork(True, 0.1).pays(seconds)
+
+
 def test_seconds_of_a_build() -> None:
     once, twice = (build_seconds(poses, 60, 0.5, 0.1) for poses in (1000, 2000))
     assert twice == pytest.approx(2.0 * once)
     assert build_seconds(1000, 1, 0.5, 0.1) == build_seconds(1000, 16, 0.5, 0.1) < once
-    # From half the floor on that sees the change, a build of 0.1 s is as fast.
-    assert ExpectedWork(True, 0.4).pays(0.1) and not ExpectedWork(True, 0.6).pays(0.1)
+    # From three fifths of the floor on that see the change, a build of 0.1 s is as fast.
+    assert ExpectedWork(True, 0.5).pays(0.1) and not ExpectedWork(True, 0.7).pays(0.1)
     assert ExpectedWork(True, 0.8).pays(10.0) and not ExpectedWork(True, 0.95).pays(10.0)
