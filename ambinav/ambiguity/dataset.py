@@ -178,7 +178,7 @@ def _building(lattice: Lattice, solid: Bools) -> dict[str, xr.DataArray]:
     """Return the variables of the map that describe the building."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
-    known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
+    arrays: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
         "free": (lattice.free, ("y", "x"), free.title, free.unit),
         schema.BACKDROP: (
             solid, ("y", "x"), "something in the cell is known to be solid", "bool",
@@ -196,16 +196,16 @@ def _building(lattice: Lattice, solid: Bools) -> dict[str, xr.DataArray]:
         ),
     }  # fmt: skip
     space = lattice.environment.space
-    kept = None if space is None else packed(space)
-    if kept is not None:
-        known["space"] = (kept, ("space_byte",), "walls and solids in space as an .npz file", "m")
+    npz = None if space is None else packed(space)
+    if npz is not None:
+        arrays["space"] = (npz, ("space_byte",), "walls and solids in space as an .npz file", "m")
     drivable = lattice.environment.drivable
     if drivable is not None:
         title = "outline of the space without occupied cells as well-known binary"
-        known["drivable"] = (_outline(drivable), ("drivable_byte",), title, "m")
+        arrays["drivable"] = (_outline(drivable), ("drivable_byte",), title, "m")
     return {
         name: xr.DataArray(values, dims=dims, attrs=_attributes(title, unit))
-        for name, (values, dims, title, unit) in known.items()
+        for name, (values, dims, title, unit) in arrays.items()
     }
 
 

@@ -246,8 +246,8 @@ class LayerContext:
 
 def _thinned(scanner: RangeScanner, used: int, source: str) -> RangeScanner:
     """Return the scanner with the beams a map was made with; the map stores only their number."""
-    for most in range(used, scanner.beams + 1):
-        thinned = scanner.thinned(most)
+    for beam_count in range(used, scanner.beams + 1):
+        thinned = scanner.thinned(beam_count)
         if thinned.beams == used:
             return thinned
     raise InputError(
