@@ -324,10 +324,10 @@ class BeliefOptions:
         arguments = {"odometry": self._noise(), "start_std": start}
         return {name: value for name, value in arguments.items() if value is not None}
 
-    def odometry_text(self, named: str) -> str:
+    def odometry_text(self, default_name: str) -> str:
         """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
-        return named if scale is None else f"{scale:g} times amcl-default"
+        return default_name if scale is None else f"{scale:g} times amcl-default"
 
     def _noise(self) -> OdometryNoise | None:
         from ambinav.drive.noise import OdometryNoise

@@ -121,8 +121,8 @@ class SpeedOptions:
         from ambinav.routes.clock import SpeedLimits
 
         names = ("max_speed", "acceleration", "max_turn_rate", "lateral_acceleration")
-        given = {name: getattr(self, name) for name in names}
-        return SpeedLimits(**{name: value for name, value in given.items() if value is not None})
+        values = {name: getattr(self, name) for name in names}
+        return SpeedLimits(**{name: value for name, value in values.items() if value is not None})
 
     def rule(self, radius: float) -> BrakingRule:
         """Return the rule by which the error bounds the speed of a robot."""

@@ -144,11 +144,11 @@ def spec_of(name: object) -> EnvSpec:
     if id_alone in gymnasium.registry:
         return gymnasium.registry[id_alone]
     candidates = []
-    for other, spec in gymnasium.registry.items():
+    for env_id, spec in gymnasium.registry.items():
         # Gymnasium's own are no navigation environments; of some the entry point is a function.
         entry: object = spec.entry_point
         if not str(getattr(entry, "__module__", entry)).startswith("gymnasium."):
-            candidates.append(other)
+            candidates.append(env_id)
     raise InputError(f"the id is {name!r}; {nearest(id_alone, candidates)}.")
 
 

@@ -263,32 +263,32 @@ class Replanner:
 
     def _lattice_path(self, problem: Problem) -> tuple[Floats | None, float]:
         """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""
-        here, poses = np.array(problem.start), self._graph.poses
-        away = np.hypot(*(poses[:, :2] - here[:2]).T)
+        start, poses = np.array(problem.start), self._graph.poses
+        away = np.hypot(*(poses[:, :2] - start[:2]).T)
         service, steering = problem.service, problem.steering
         least = BELOW * float(service.density.values.min())
         for reach in REACH:
             near = np.flatnonzero(away <= reach)
-            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            origin = np.broadcast_to(start, (len(near), 3)).copy()
             near = near[problem.checker.motions_free(origin, poses[near])]
-            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            origin = np.broadcast_to(start, (len(near), 3)).copy()
             cost = service.motion_costs(origin, poses[near], steering)
             self._costs.settle(near, cost, problem.start[:2], least)
             cost += self._costs.to_go[near]
             if np.isfinite(cost).any():
                 k = int(cost.argmin())
                 nodes = self._costs.path(int(near[k]))
-                path = np.concatenate([here[np.newaxis], poses[nodes]])
+                path = np.concatenate([start[np.newaxis], poses[nodes]])
                 return steering.oriented(path), float(cost[k])
         return None, math.inf
 
     def _rest(self, last: Route, problem: Problem) -> Floats | None:
         """Return the rest of the last route from where the robot is; None: it is blocked."""
         x, y, _ = problem.start
-        done = last.progress(x, y)
+        progress = last.progress(x, y)
         best = None
         for ahead in AHEAD:
-            poses = _onward(last, done.along + ahead, problem)
+            poses = _onward(last, progress.along + ahead, problem)
             if is_free(poses, problem):
                 cost = problem.service.route_cost(poses, problem.steering)
                 if best is None or cost < best[0]:
@@ -340,8 +340,8 @@ def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[st
     off = np.flatnonzero(shapely.distance(old, shapely.points(points)) > SAME)
     if not len(off):
         return f"Stays within {SAME:g} m of the last route{reason}: {ahead}."
-    (x, y), more = points[off[0]], route.length - progress.remaining
+    (x, y), extra = points[off[0]], route.length - progress.remaining
     return (
         f"Leaves the last route at ({x:.1f}, {y:.1f}){reason}: {ahead}, "
-        f"{abs(more):.1f} m {'longer' if more >= 0.0 else 'shorter'} than what was left of it."
+        f"{abs(extra):.1f} m {'longer' if extra >= 0.0 else 'shorter'} than what was left of it."
     )

@@ -343,10 +343,10 @@ def source_for(
     place = setting.place
     if place.name not in sources:
         parameters = NavigationParameters.of({**place.arguments, **board.options})
-        first, held = (0, 1) if place.count is None else (place.first, place.count)
+        first, size = (0, 1) if place.count is None else (place.first, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
-            first=first, held=held, layers=on_request(parameters.cost_layer),
+            first=first, held=size, layers=on_request(parameters.cost_layer),
         )  # fmt: skip
     return sources[place.name]
 

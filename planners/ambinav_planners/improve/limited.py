@@ -133,6 +133,6 @@ def priced(service: AmbiguityService, level: float, price: float) -> AmbiguitySe
     if price == 0.0:
         return service
     bad = (service.ambiguity.values > level).astype(np.float32)
-    other = copy(service)
-    other.density = replace(service.density, values=service.density.values + price * bad)
-    return other
+    copied = copy(service)
+    copied.density = replace(service.density, values=service.density.values + price * bad)
+    return copied

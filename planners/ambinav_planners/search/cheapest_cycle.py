@@ -60,12 +60,12 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
     rows: list[csr_array] = [
         _among((i, j), source, target) for i in range(count) for j in range(i) if count > 2
     ]
-    most = [1.0] * len(rows)
+    upper = [1.0] * len(rows)
     bound = 0.0
     while True:
         constraints = [LinearConstraint(degrees, 1.0, 1.0)]
         if rows:
-            constraints.append(LinearConstraint(vstack(rows), -math.inf, np.array(most)))
+            constraints.append(LinearConstraint(vstack(rows), -math.inf, np.array(upper)))
         solution = milp(
             cost[source, target], integrality=ones, bounds=Bounds(0.0, 1.0),
             constraints=constraints,
@@ -88,7 +88,7 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
             exact = len(cycles) == 1 and solution.status == 0
             return Cycle(order, total, total if exact else min(bound, total))
         rows += [_among(cycle, source, target) for cycle in cycles]
-        most += [len(cycle) - 1.0 for cycle in cycles]
+        upper += [len(cycle) - 1.0 for cycle in cycles]
 
 
 def _among(nodes: tuple[int, ...], source: Indices, target: Indices) -> csr_array:

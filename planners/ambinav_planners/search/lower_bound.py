@@ -124,10 +124,10 @@ def quick_lower_bound(problem: Problem) -> float:
     checker = planar(problem.checker)
     graph = lattice_of(problem.service, checker).with_ends(problem.ends, checker)
     start = len(graph.poses) - 2
-    most = cost_to_go(graph, graph.cost(problem.service.weight), start + 1)[start]
-    if not math.isfinite(most):
+    lattice_cost = cost_to_go(graph, graph.cost(problem.service.weight), start + 1)[start]
+    if not math.isfinite(lattice_cost):
         return math.dist(problem.start[:2], problem.goal[:2])
-    return lower_bound(problem, float(most), QUICK_GAP, QUICK_CELLS)[0]
+    return lower_bound(problem, float(lattice_cost), QUICK_GAP, QUICK_CELLS)[0]
 
 
 def _allowed(problem: Problem) -> Field:

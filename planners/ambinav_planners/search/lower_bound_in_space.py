@@ -95,9 +95,9 @@ def _bound_of_line(service: VolumeService, goal: Place, start: Place, most: floa
         most: Cost of a path.
     """
     lattice = [service.volume.dataset[name].values.astype(np.float64) for name in "yxz"]
-    apart, length = np.array(goal) - np.array(start), math.dist(start, goal)
-    along = np.square(apart / length) if length > 0.0 else np.zeros(3)
-    middle, least = np.array(start) + 0.5 * apart, float(service.density.min())
+    offset, length = np.array(goal) - np.array(start), math.dist(start, goal)
+    along = np.square(offset / length) if length > 0.0 else np.zeros(3)
+    middle, least = np.array(start) + 0.5 * offset, float(service.density.min())
     for _ in range(BOXES):
         longest = max(most / least, length)
         half = 0.5 * np.sqrt(longest**2 - (1.0 - along) * length**2)
@@ -128,14 +128,14 @@ def _reached(service: VolumeService, checker: SphereChecker, start: Place, cells
 
 
 def _parts(
-    service: VolumeService, checker: SphereChecker, most: int
+    service: VolumeService, checker: SphereChecker, max_cells: int
 ) -> tuple[ProofGrid, ProofGrid, Ints32]:
     """Return the first grid, a finer one, and the connected pieces of what paths may meet of that.
 
     The cells are parts of those between the points of the volume's lattice, no larger than the
     body is from its centre on; the finer ones half as large, so that a wall with the body on both
-    sides is thicker. Where that would be more than `most` finer cells, they are larger, down to the
-    lattice's own, and less is proved.
+    sides is thicker. Where that would be more than `max_cells` finer cells, they are larger, down
+    to the lattice's own, and less is proved.
     """
     volume = service.volume
     axes = [volume.dataset[name].values for name in "yxz"]
@@ -146,18 +146,18 @@ def _parts(
     size = _sizes(checker)
     while True:
         parts = np.ceil(pitch / size - 1e-9).astype(np.int64)
-        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= most or (parts == 1).all():
+        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= max_cells or (parts == 1).all():
             break
         size = size * math.cbrt(2.0)
     origin = np.array([values[0] for values in axes], dtype=np.float64) - beside * pitch
     grid, fine = (
         ProofGrid(
             tuple(origin.tolist()),
-            tuple((pitch / (parts * more)).tolist()),
-            np.ones(cells_of_axis * parts * more, dtype=np.bool_),
+            tuple((pitch / (parts * finer)).tolist()),
+            np.ones(cells_of_axis * parts * finer, dtype=np.bool_),
             np.empty(0),
         )
-        for more in (1, 2)
+        for finer in (1, 2)
     )
     pieces, _ = label(_met(fine, checker), np.ones((3, 3, 3)))
     return grid, fine, pieces
@@ -184,12 +184,12 @@ def _met(grid: ProofGrid, checker: SphereChecker) -> Bools:
     if radius <= 0.0 or (checker.half_height is not None and half <= 0.0):
         return grid.open_cells.copy()
     body = radius * (1.0 - ROUNDING), half * (1.0 - ROUNDING) if checker.half_height else -1.0
-    _, _, *rest = checker.arrays
+    _, _, *tree = checker.arrays
     cells = np.flatnonzero(grid.open_cells)
     out = np.zeros(grid.open_cells.shape, dtype=np.bool_)
     origin, shape = np.array(grid.origin), np.array(out.shape, dtype=np.int64)
     run_rows(
-        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *rest), out.reshape(-1),
+        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *tree), out.reshape(-1),
         least=64,
     )  # fmt: skip
     return out

@@ -77,8 +77,8 @@ class ProofGrid:
         return ProofGrid(origin, tuple(0.5 * edge for edge in self.edges), cells, fine)
 
     def _any(self, axis: int) -> Bools:
-        others = tuple(other for other in range(self.open_cells.ndim) if other != axis)
-        return np.asarray(self.open_cells.any(axis=others))
+        other_axes = tuple(index for index in range(self.open_cells.ndim) if index != axis)
+        return np.asarray(self.open_cells.any(axis=other_axes))
 
     def cell(self, place: Place) -> tuple[int, ...]:
         """Return indices of the cell around a place."""

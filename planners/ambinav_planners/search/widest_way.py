@@ -65,22 +65,22 @@ def widest_way(
     seen: dict[int, Narrowest] = {}
     narrowest = None
     for _ in range(ROUNDS):
-        way = lattice.way(wide)
-        if way is None:
+        path = lattice.way(wide)
+        if path is None:
             return None
-        k = int(wide[way].argmin())
-        if int(way[k]) in seen:
-            return seen[int(way[k])]
-        narrowest = _closer(geometry, lattice.points[way], k, spacing)
+        k = int(wide[path].argmin())
+        if int(path[k]) in seen:
+            return seen[int(path[k])]
+        narrowest = _closer(geometry, lattice.points[path], k, spacing)
         half = 0.5 * narrowest.width
         away = np.hypot(*(lattice.points - (narrowest.x, narrowest.y)).T)
-        here = (away <= max(half, spacing)) & (lattice.clearance <= half)
-        here[way[k]] = True
-        for point in np.flatnonzero(here & (wide > half)).tolist():
+        nearby = (away <= max(half, spacing)) & (lattice.clearance <= half)
+        nearby[path[k]] = True
+        for point in np.flatnonzero(nearby & (wide > half)).tolist():
             wide[point] = max(half, lattice.clearance[point])
             seen[point] = narrowest
-        if int(way[k]) not in seen:  # an end, or as narrow as it looked
-            seen[int(way[k])] = narrowest
+        if int(path[k]) not in seen:  # an end, or as narrow as it looked
+            seen[int(path[k])] = narrowest
     return narrowest
 
 
@@ -99,9 +99,9 @@ def _closer(geometry: Environment, path: Floats, k: int, spacing: float) -> Narr
     (xmin, ymin), (xmax, ymax) = points.min(axis=0) - reach, points.max(axis=0) + reach
     box = xmin, ymin, xmax, ymax
     fine = _Lattice.within(geometry, points[0], points[-1], box, spacing / FINER)
-    way = fine.way(fine.clearance)
-    if way is not None:
-        points = fine.points[way]
+    widest = fine.way(fine.clearance)
+    if widest is not None:
+        points = fine.points[widest]
     clearance = np.asarray(geometry.clearance(*points.T))
     k = int(clearance.argmin())
     return Narrowest(float(points[k, 0]), float(points[k, 1]), 2.0 * float(clearance[k]))
@@ -166,8 +166,8 @@ def _neighbours(number: Ints) -> list[tuple[Ints, Ints]]:
     rows, columns = number.shape
     pairs = []
     for down, right in STEPS:
-        here = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
-        there = number[down:, max(right, 0) : columns - max(-right, 0)]
-        both = (here >= 0) & (there >= 0)
-        pairs.append((here[both], there[both]))
+        cell = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
+        neighbour = number[down:, max(right, 0) : columns - max(-right, 0)]
+        is_pair = (cell >= 0) & (neighbour >= 0)
+        pairs.append((cell[is_pair], neighbour[is_pair]))
     return pairs

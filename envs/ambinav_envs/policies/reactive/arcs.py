@@ -59,9 +59,9 @@ def free_lengths(x: Floats, y: Floats, curvature: Floats, radius: Floats, most: 
     # On a circle about (0, turn): the two circles' crossing, seen from that centre.
     away = np.hypot(px, side - turn)
     cosine = (turn**2 + away**2 - radius**2) / np.maximum(2.0 * turn * away, 1e-12)
-    met = np.abs(turn - away) < radius
+    touches = np.abs(turn - away) < radius
     at = np.arctan2(px, turn - side) - np.arccos(np.clip(cosine, -1.0, 1.0))
-    circle = np.where(met, turn * (at % (2.0 * math.pi)), np.inf)
+    circle = np.where(touches, turn * (at % (2.0 * math.pi)), np.inf)
     length = np.where(bent, circle, line)
     touching = np.hypot(px, py) < radius
     length = np.where(touching, np.where(px > 0.0, 0.0, np.inf), length)
