@@ -159,8 +159,8 @@ class Study:
             self._there[number] = kept(self._kept(number))
         name = run_name(localizer, cell, number)
         keys = [Key(name, place, condition) for place in VENUES[venue]]
-        there = self._there[number]
-        return [there[key] for key in keys] if all(key in there for key in keys) else []
+        driven = self._there[number]
+        return [driven[key] for key in keys] if all(key in driven for key in keys) else []
 
     def _kept(self, number: int | None) -> Path:
         """Return the result file of a seed, or of the followers."""
@@ -171,9 +171,9 @@ class Study:
         driven = {}
         for name, (venue, places), condition in product(names, VENUES.items(), CONDITIONS):
             for place in places:
-                done = self._driven(name, place, condition)
-                assert done is not None and len(done) == EPISODES[venue]
-                driven[Key(name, place, condition)] = done
+                driven_episodes = self._driven(name, place, condition)
+                assert driven_episodes is not None and len(driven_episodes) == EPISODES[venue]
+                driven[Key(name, place, condition)] = driven_episodes
         keep(self._kept(number), driven)
 
     def _train(self, name: str, localizer: str, cell: Cell, number: int) -> float:
@@ -225,16 +225,16 @@ class Study:
         begun, policy, driven = time.perf_counter(), load_policy(policy_source), False
         for (venue, places), condition in product(VENUES.items(), CONDITIONS):
             for place in places:
-                done = self._driven(name, place, condition)
-                if done is None or len(done) != EPISODES[venue]:
+                episodes = self._driven(name, place, condition)
+                if episodes is None or len(episodes) != EPISODES[venue]:
                     parameters = NavigationParameters.of(
                         {**CONDITIONS[condition], **policy.seeing, **LOCALIZERS[localizer]}
                     )
                     count = EPISODES[venue]
-                    done = evaluate_in(
+                    episodes = evaluate_in(
                         policy, self._source(place), parameters, count, SEED, chunk=count
                     )
-                    save_episodes(done, self._path(name, place, condition))
+                    save_episodes(episodes, self._path(name, place, condition))
                     driven = True
         return log_step(f"driven: {name}", begun) if driven else 0.0
 
@@ -297,7 +297,7 @@ def about(study: Study, results: Sequence[Found], numbers: Sequence[int]) -> str
     settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     rows = [row for number in numbers for row in kept_rows(study.log(number))]
     took = {
-        what: sum(row[what] for row in rows if what in row) / 60.0 for what in ("trained", "driven")
+        task: sum(row[task] for row in rows if task in row) / 60.0 for task in ("trained", "driven")
     }
     counts = {item.localizer: ", ".join(map(str, item.seeds)) for item in results}
     replicates = "; ".join(f"`{name}`: seeds {seeds}" for name, seeds in counts.items())

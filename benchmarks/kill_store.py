@@ -288,7 +288,7 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
 def _until_all_took(workers: Sequence[Worker], outcome: Outcome, count: int) -> None:
     """Wait until each process has taken a number of further maps; raise as `_listen` does."""
     goal = [worker.taken + count for worker in workers]
-    while any(worker.taken < wanted for worker, wanted in zip(workers, goal, strict=True)):
+    while any(worker.taken < maps for worker, maps in zip(workers, goal, strict=True)):
         _listen(workers, outcome, 0.01)
 
 
@@ -299,8 +299,8 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
         TimeoutError: one has written nothing for `STANDSTILL`.
     """
     until = time.monotonic() + seconds
-    while (left := until - time.monotonic()) > 0.0:
-        select.select([worker.lines for worker in workers], [], [], left)
+    while (remaining := until - time.monotonic()) > 0.0:
+        select.select([worker.lines for worker in workers], [], [], remaining)
         for worker in workers:
             worker.hear(outcome)
             if time.monotonic() - worker.heard > STANDSTILL:
@@ -317,12 +317,12 @@ def _left(folder: Path) -> list[str]:
 
 def text(outcome: Outcome, seed: int) -> str:
     """Return the report."""
-    taken = outcome.taken
+    counts = outcome.taken
     rows = [
         ("processes killed", outcome.kills),
         *((f"- while {phase}", outcome.killed_while[phase]) for phase in PHASES),
-        ("maps taken", sum(taken.values())),
-        *((f"- {kind}", taken[kind]) for kind in ("opened", "built")),
+        ("maps taken", sum(counts.values())),
+        *((f"- {kind}", counts[kind]) for kind in ("opened", "built")),
         ("maps that were not bit for bit what they should be", len(outcome.other)),
         ("entries damaged, or set aside", len(outcome.damaged)),
         ("warnings", len(outcome.warned)),

@@ -184,12 +184,12 @@ def _met(grid: ProofGrid, checker: SphereChecker) -> Bools:
     if radius <= 0.0 or (checker.half_height is not None and half <= 0.0):
         return grid.open_cells.copy()
     body = radius * (1.0 - ROUNDING), half * (1.0 - ROUNDING) if checker.half_height else -1.0
-    _, _, *tree = checker.arrays
+    _, _, *bins = checker.arrays
     cells = np.flatnonzero(grid.open_cells)
     out = np.zeros(grid.open_cells.shape, dtype=np.bool_)
     origin, shape = np.array(grid.origin), np.array(out.shape, dtype=np.int64)
     run_rows(
-        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *tree), out.reshape(-1),
+        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *bins), out.reshape(-1),
         least=64,
     )  # fmt: skip
     return out
