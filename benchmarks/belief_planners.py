@@ -78,18 +78,18 @@ class FollowsWall(Declares):
 
     def __init__(self, parameters: NavigationParameters, sure: float) -> None:
         super().__init__(parameters, sure)
-        self._found = np.zeros(0, dtype=np.bool_)
+        self._has_wall = np.zeros(0, dtype=np.bool_)
 
     def _search(
         self, observations: Observation, starts: Bools, unsure: Bools, actions: Floats
     ) -> None:
-        if len(self._found) != len(starts):
-            self._found = np.zeros(len(starts), dtype=np.bool_)
+        if len(self._has_wall) != len(starts):
+            self._has_wall = np.zeros(len(starts), dtype=np.bool_)
         ranges = self._far * observations["scan"].astype(np.float64)
         left = ranges[:, (self._angle > 0.7) & (self._angle < 2.4)].min(axis=1)
         front = ranges[:, np.abs(self._angle) < 0.6].min(axis=1)
-        self._found = ~starts & (self._found | (np.minimum(left, front) < self.NEAR))
-        follows = unsure & self._found
+        self._has_wall = ~starts & (self._has_wall | (np.minimum(left, front) < self.NEAR))
+        follows = unsure & self._has_wall
         turn = np.clip(1.5 * (np.minimum(left, 2.0 * self.BESIDE) - self.BESIDE), -0.5, 0.5)
         blocked = front < self.BESIDE
         turn = np.where(blocked, -0.5, turn)
@@ -178,7 +178,7 @@ class Planner:
         weights = weights_of(parameters.reward)
         self._arrival, self._missed = weights["arrival"], weights["missed"]
         self._metre = weights["time"] / (PACE * parameters.robot.max_speed)
-        self._known: dict[str, Looks] = {}
+        self._looks_by_key: dict[str, Looks] = {}
         self._plans: dict[int, tuple[int, Any, Any]] = {}
         # Which places a robot has been at; who has looked there need not look again.
         self._been: dict[int, NDArray[np.bool_]] = {}
@@ -189,8 +189,8 @@ class Planner:
         for i in rows:
             site = simulation.sites[i]
             assert site is not None
-            if self._looks and site.building.key not in self._known:
-                self._known[site.building.key] = Looks.of(site)
+            if self._looks and site.building.key not in self._looks_by_key:
+                self._looks_by_key[site.building.key] = Looks.of(site)
             self._been[i] = np.zeros(PLACES, dtype=np.bool_)
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
@@ -204,7 +204,7 @@ class Planner:
             step, hypotheses = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
             planned = self._plans.get(i)
             if self._looks:
-                looks = self._known[site.building.key]
+                looks = self._looks_by_key[site.building.key]
                 off = np.hypot(*(looks.places - hypotheses[0, 1:3]).T)
                 self._been[i][: len(off)] |= off <= REACHED
             if planned is None or self._due(step, hypotheses, planned):
@@ -236,7 +236,7 @@ class Planner:
         commit = [self._end(share, k, to_go[k]) for k in range(len(share))]
         best = int(np.argmax(commit))
         if self._looks and len(share) > 1:
-            looks = self._known[site.building.key]
+            looks = self._looks_by_key[site.building.key]
             gain = self._look(site, to_goal, share, poses, looks)
             gain[self._been[i][: len(gain)]] = -np.inf
             place = int(np.argmax(gain))

@@ -239,10 +239,10 @@ def _summarize(
 ) -> None:
     """Add the aggregates over the possible headings."""
 
-    def kept(summary: str) -> list[str]:
+    def names_with(summary: str) -> list[str]:
         return [layer.name for layer in CORE_LAYERS.values() if summary in layer.summaries]
 
-    for name in kept("mean"):
+    for name in names_with("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")
     add("zone", classify_over_headings(zone), "mean")
     mean = np.nanmean(sums, axis=1)
@@ -252,7 +252,7 @@ def _summarize(
     # Among equal values, take the last.
     worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
     for summary, place in (("best", best), ("worst", worst)):
-        for name in kept(summary):
+        for name in names_with(summary):
             values = zone if name == "zone" else layers[name]
             chosen = np.take_along_axis(values, place[:, np.newaxis], axis=1)
             add(name, chosen[:, 0], summary)

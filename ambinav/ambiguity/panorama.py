@@ -97,15 +97,15 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
     ends = np.cumsum([len(key) for key in keys])
     _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
     table = np.concatenate(mounts)[first], np.concatenate(keys)[first, 0]
-    view_beams_of = np.split(beam.ravel(), ends[:-1])
+    beams_of = np.split(beam.ravel(), ends[:-1])
     groups, begin, is_cast = [], 0, np.zeros(len(first), dtype=np.bool_)
     for i in range(len(views) + 1):
-        full = i == len(views) or is_cast.sum() + (~is_cast[view_beams_of[i]]).sum() > most
+        full = i == len(views) or is_cast.sum() + (~is_cast[beams_of[i]]).sum() > most
         if full and i > begin:
-            groups.append(_panorama(range(begin, i), views, view_beams_of, tuple(sensors), table))
+            groups.append(_panorama(range(begin, i), views, beams_of, tuple(sensors), table))
             begin, is_cast = i, np.zeros_like(is_cast)
         if i < len(views):
-            is_cast[view_beams_of[i]] = True
+            is_cast[beams_of[i]] = True
     return groups
 
 
@@ -181,7 +181,7 @@ def view_beams(view: View, sensors: dict[RangeSensor, int]) -> tuple[Floats, Int
 def _panorama(
     numbers: range,
     views: Sequence[View],
-    own: Sequence[Numbers],
+    beams_of: Sequence[Numbers],
     sensors: tuple[RangeSensor, ...],
     table: tuple[Floats, Ints],
 ) -> Panorama:
@@ -190,13 +190,13 @@ def _panorama(
     Beams stand in the order in which the views use them: what is copied out of the returns for
     one view lies side by side, which takes a quarter of the time.
     """
-    used, first = np.unique(np.concatenate([own[i] for i in numbers]), return_index=True)
+    used, first = np.unique(np.concatenate([beams_of[i] for i in numbers]), return_index=True)
     used = used[np.argsort(first)]
     column = np.empty(len(table[0]), dtype=np.intp)
     column[used] = np.arange(len(used))
     rows: dict[object, tuple[list[int], Numbers]] = {}
     for i in numbers:
-        columns = column[own[i]]
+        columns = column[beams_of[i]]
         same = columns.tobytes(), views[i].tau, views[i].standing
         rows.setdefault(same, ([], columns))[0].append(i)
     beams = table[0][used]

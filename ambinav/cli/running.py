@@ -236,7 +236,7 @@ def check_file(output: Path) -> None:
 
 
 def check_apart(output: Path, *inputs: str | Path | None) -> None:
-    """Check that a command does not write over what it reads.
+    """Check that a command does not overwrite its own input.
 
     Raises:
         InputError: an input is the same file.

@@ -167,7 +167,7 @@ def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[st
             )  # fmt: skip
             run_rows(
                 _entropies, band.end - band.begin, band.begin, around,
-                _known(data, table, share, people), comparison, evidences, posterior,
+                _reweighted(data, table, share, people), comparison, evidences, posterior,
                 results[h, band.begin : band.end], least=8,
             )  # fmt: skip
     entropy, gain = (context.spread(values) for values in np.ascontiguousarray(results.T))
@@ -242,7 +242,7 @@ def _known_pose(context: LayerContext) -> tuple[Floats32, Floats32]:
 
 
 def _evidence(table: BeamTable, share: Floats32) -> Floats32 | None:
-    """Return the evidence table for the variance of `_known`, or None if all bins are fine.
+    """Return the evidence table for the variance of `_reweighted`, or None if all bins are fine.
 
     One row a beam. A difference of z deviations is there one of z sqrt(2 share).
     """
@@ -259,7 +259,7 @@ def _evidence(table: BeamTable, share: Floats32) -> Floats32 | None:
     return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
 
-def _known(data: Floats32, table: BeamTable, share: Floats32, people: float) -> Floats32:
+def _reweighted(data: Floats32, table: BeamTable, share: Floats32, people: float) -> Floats32:
     """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
     people_met = np.float32(people) * np.minimum(data[:, 0], table.limit)

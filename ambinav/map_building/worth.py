@@ -91,16 +91,16 @@ class ExpectedWork:
         return cls(asks_cells, float(share + asks_cells * seen.asking * within_reach))
 
     def with_more_floor(self, grown: float) -> ExpectedWork:
-        """Return the work where so much new floor is computed too, by the floor before."""
+        """Return the work with new floor of `grown` times the old floor computed as well."""
         return replace(self, share=(self.share + grown) / (1.0 + grown))
 
     def pays(self, seconds: float) -> bool:
-        """Return whether an update is expected to be faster than a build of so many seconds."""
+        """Return whether an update is expected to be faster than a build of `seconds`."""
         return self.share + OVERHEAD / seconds < 1.0 - MARGIN
 
 
 def is_small(seconds: float) -> bool:
-    """Return whether a build of so many seconds is faster than any update, or as fast."""
+    """Return whether a build of `seconds` is at least as fast as any update."""
     return seconds < SMALLEST
 
 

@@ -256,6 +256,6 @@ def _in_pieces(nodes: Floats, pairs: Ints32) -> tuple[Floats, Ints32]:
 
 
 def _spread(counts: Indices) -> tuple[Indices, Indices]:
-    """Return the group of each of so many members, and its place in the group, from 0 on."""
+    """Return the group of each member and its index within the group, given the group sizes."""
     group = np.repeat(np.arange(len(counts)), counts)
     return group, np.arange(len(group)) - (np.cumsum(counts) - counts)[group]

@@ -60,7 +60,7 @@ class Replan:
 
 
 class Replanner:
-    """Plans routes to one goal again and again, and keeps what it has found out.
+    """Plans routes to one goal repeatedly, and reuses earlier results.
 
     It holds the cost to go from every cell of the map's lattice. After a move nothing is searched;
     after a change only cells whose cheapest way it concerns (`search.costs_to_go`). The robot
@@ -151,7 +151,7 @@ class Replanner:
         problem = replace(self._problem, start=start)
         path, cost = self._lattice_path(problem)
         last = self.route
-        rest_of_last = None if last is None else self._rest(last, problem)
+        rest_of_last = None if last is None else self._rest_of(last, problem)
         if rest_of_last is not None and service.route_cost(rest_of_last, checker.steering) <= cost:
             poses, is_new = rest_of_last, False
         else:
@@ -162,7 +162,7 @@ class Replanner:
         return Replan(self.route, is_new, sentence, time.perf_counter() - started)
 
     def _new_poses(self, problem: Problem, path: Floats | None, cost: float) -> Floats:
-        """Return the poses of a new route: the improved path, or what a plan from nothing finds.
+        """Return the poses of a new route: the improved path, or a plan from scratch.
 
         Args:
             problem: From the robot to the goal, past the obstacles.
@@ -189,7 +189,7 @@ class Replanner:
         return min(candidates, key=lambda each: service.route_cost(each, problem.steering))
 
     def _expected(self, problem: Problem) -> float:
-        """Return the cost of what is left of the last route, obstacles or not; 0 without one."""
+        """Return the cost of the remaining last route, ignoring obstacles; 0 without one."""
         if self.route is None:
             return 0.0
         x, y, _ = problem.start
@@ -215,7 +215,7 @@ class Replanner:
         self._problem = replace(self._problem, service=new)
         if not cells.any():
             return False
-        motions = self._near(cells)
+        motions = self._motions_near(cells)
         a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
         self._free_cost[motions] = new.motion_costs(a, b, self._graph.steering)
         self._update(motions)
@@ -235,7 +235,7 @@ class Replanner:
             forbidden=cells, origin=(x, y), spacing=service.map.spacing,
         )  # fmt: skip
         self._problem = replace(self._problem, checker=checker)
-        self._update(self._near(changed))
+        self._update(self._motions_near(changed))
         return True
 
     def _update(self, motions: Indices) -> None:
@@ -246,7 +246,7 @@ class Replanner:
         free[free] = checker.motions_free(a[free], b[free])
         self._costs.change(motions, np.where(free, self._free_cost[motions], math.inf))
 
-    def _near(self, cells: Bools) -> Indices:
+    def _motions_near(self, cells: Bools) -> Indices:
         """Return the motions that may meet any of some cells."""
         from scipy.ndimage import binary_dilation
 
@@ -282,7 +282,7 @@ class Replanner:
                 return steering.oriented(path), float(cost[k])
         return None, math.inf
 
-    def _rest(self, last: Route, problem: Problem) -> Floats | None:
+    def _rest_of(self, last: Route, problem: Problem) -> Floats | None:
         """Return the rest of the last route from where the robot is; None: it is blocked."""
         x, y, _ = problem.start
         progress = last.progress(x, y)
@@ -313,7 +313,7 @@ class Replanner:
 
 
 def _onward(route: Route, along: float, problem: Problem) -> Floats:
-    """Return the poses from a problem's start on to what a route has beyond so many metres."""
+    """Return the poses from a problem's start to the part of a route beyond `along` metres."""
     k = int(np.searchsorted(route.distance, along, side="right"))
     poses = np.concatenate([[problem.start], route.poses[min(k, len(route.poses) - 1) :]])
     return problem.steering.oriented(poses)
@@ -326,7 +326,7 @@ def _forbidden(problem: Problem) -> Bools:
 
 
 def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[str]) -> str:
-    """Return what is new about a route against the last one, in words."""
+    """Describe how a route differs from the last one."""
     ahead = f"{route.length:.1f} m to go, cost {route.cost:.1f}"
     if last is None:
         return f"First route: {ahead}."

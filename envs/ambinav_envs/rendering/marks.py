@@ -77,7 +77,7 @@ class Marks:
         pygame.draw.polygon(self.picture, GOAL_RING, flag)
 
     def scan(self, origins: Floats, ends: Floats, echo: Bools) -> None:
-        """Draw beams, and a dot where each had an echo.
+        """Draw beams, and a dot at each echo.
 
         Args:
             origins: Origins of the beams, metres, map frame, shape (B, 2).

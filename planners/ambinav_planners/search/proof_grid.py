@@ -127,7 +127,7 @@ def prove(
     met_by_paths: Callable[[ProofGrid], Bools],
     bounds_on: Callable[[ProofGrid], Callable[[ProofGrid, int], Floats]],
     places: tuple[Place, Place],
-    most: float,
+    path_cost: float,
     gap: float,
     cells: int,
     *,
@@ -142,8 +142,8 @@ def prove(
         bounds_on: Returns for a grid what computes bounds on it in so many iterations: lower
             bounds of the costs to the first place and from the second, at the vertices.
         places: Goal and start.
-        most: Cost of a path; the bound is at most that.
-        gap: Share of `most` below which the bound is good enough.
+        path_cost: Cost of a path; the bound is at most that.
+        gap: Share of `path_cost` below which the bound is good enough.
         cells: No grid with more open cells than these is begun.
         first: Iterations on the first grid, as `ROUNDS`.
         carried: Share of what a grid has kept that the next one begins with.
@@ -155,24 +155,24 @@ def prove(
         for iterations in rounds:
             bounds = compute(grid, iterations)
             best = max(best, *(grid.at(bounds[k], places[1 - k]) for k in (0, 1)))
-            if best >= (1.0 - gap) * most:
-                return min(best, most), grid
+            if best >= (1.0 - gap) * path_cost:
+                return min(best, path_cost), grid
             least = grid.least(bounds[0] + bounds[1])
-            near = grid.open_cells & (least <= most * (1.0 + ROUNDING))
+            near = grid.open_cells & (least <= path_cost * (1.0 + ROUNDING))
             grid = replace(grid, open_cells=near)
         if not near.any() or 2**near.ndim * np.count_nonzero(near) > cells:
             break
         grid = grid.halved(carried)
-    return min(best, most), grid
+    return min(best, path_cost), grid
 
 
-def flattened(cost: Floats, worst: Floats, most: float) -> Floats:
+def flattened(cost: Floats, worst: Floats, path_cost: float) -> Floats:
     """Return costs with their ranges compressed where the gradient is too steep.
 
     Args:
-        cost: From 0 to `most`.
+        cost: From 0 to `path_cost`.
         worst: By what each of B even ranges is to be compressed, (B,), see `steepness`.
-        most: The end of the last range.
+        path_cost: The end of the last range.
     """
-    flat = np.concatenate([[0.0], np.cumsum((most / len(worst)) / worst)])
-    return np.interp(cost, np.linspace(0.0, most, len(worst) + 1), flat * (1.0 - ROUNDING))
+    flat = np.concatenate([[0.0], np.cumsum((path_cost / len(worst)) / worst)])
+    return np.interp(cost, np.linspace(0.0, path_cost, len(worst) + 1), flat * (1.0 - ROUNDING))
