@@ -90,9 +90,9 @@ class SearchOptions:
         return [option for option, is_given in options.items() if is_given]
 
     def check_budget(self, drives: bool) -> None:
-        """Refuse limits of a planner that is named and does not look at them.
+        """Refuse limits that have no effect on the named planner.
 
-        What `auto` chooses may be random or not: there they are for the one that is.
+        `auto` may choose a random planner or a deterministic one: its limits are for the former.
 
         Args:
             drives: See `budget`.

@@ -38,8 +38,8 @@ class ExpectedWork:
     """Work of an update, by a sample of poses.
 
     Attributes:
-        asks_cells: Whether it pays to ask each pose within reach whether it sees the change.
-        share: Time for the poses that are asked or computed, by that for all poses in a build.
+        asks_cells: Whether checking each pose within reach for a view of the change saves time.
+        share: Time for the poses checked or computed, relative to a build of all poses.
     """
 
     asks_cells: bool

@@ -1,8 +1,8 @@
 """Lock that lets only one process compute a map: others wait unless it stops making progress.
 
-The lock is the system's, on a file beside the entry, so that it ends with whoever holds it. It
-saves work and nothing depends on it: entries are replaced as a whole, so that two that compute the
-same at once do no harm. Hence whoever cannot have it in time goes on without.
+The operating system locks a file beside the entry, so that the lock ends with its process. It saves
+work and nothing depends on it: entries are replaced as a whole, so that two processes may compute
+the same entry. Hence a process that does not acquire it in time continues without.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class Arena:
         """Run episodes with a policy or a controller; see `evaluation.evaluate_in`.
 
         A wrapped environment is driven by itself, one episode after the other, which takes several
-        times as long; the figures are those of the simulation in it, but for the reward.
+        times as long; the figures except the reward are those of the simulation in it.
 
         Raises:
             InputError: see `evaluation.evaluate_in`, or a wrapper fails.

@@ -94,7 +94,7 @@ def register_envs() -> None:
 def _with_twins(
     ids: Mapping[str, Mapping[str, Any]], tasks: Collection[str]
 ) -> dict[str, Mapping[str, Any]]:
-    """Return ids and their twins, but for twins that have the name of a task."""
+    """Return ids and their twins, except twins that have the name of a task."""
     twins = {name: twin for name, twin in twins_of(ids).items() if name not in tasks}
     return {**ids, **twins}
 

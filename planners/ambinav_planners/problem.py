@@ -140,7 +140,7 @@ def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float 
         amap: The map.
         shape: Map frame, metres.
         name: Names the shape in the error.
-        margin: The shape grows by so many metres.
+        margin: Distance by which the shape grows, metres.
 
     Raises:
         InputError: it is no geometry, or its coordinates are not finite.

@@ -47,7 +47,7 @@ class Venue:
         name: Name of the suite, the map or the task.
         what: Name of a suite, or an environment.
         count: How many buildings of the suite; None for a map.
-        arguments: Arguments of the environment that a task stands for, but for its buildings.
+        arguments: Arguments of a task's environment, except its buildings.
         wrapped: The task's id if somebody wrapped its environment, see `Arena`.
         first: Number of the first of the suite's buildings.
     """

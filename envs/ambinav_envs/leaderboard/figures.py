@@ -53,7 +53,7 @@ class EpisodeFigure(Figure):
     """A figure of a method.
 
     Attributes:
-        parts: Two numbers an episode: the figure is the sum of the first by that of the second.
+        parts: Two numbers an episode: the figure is the sum of the first over that of the second.
         is_share: True for a share of episodes, in percent.
     """
 

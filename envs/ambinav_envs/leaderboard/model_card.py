@@ -68,7 +68,7 @@ def read_judged(folder: Path, policy_file: Path) -> Judged:
         policy_file: The policy that it must belong to.
 
     Raises:
-        InputError: a file is missing or damaged, or it is of another policy.
+        InputError: a file is missing or damaged, or belongs to another policy.
     """
     path, table = folder / "evaluation.json", folder / "episodes.csv"
     for needed in (path, table):

@@ -5,8 +5,8 @@
 The score is the share of episodes that arrived: it needs no reward. *Blind* is `BLIND`, which
 follows the shortest route by its estimate and looks neither at its readings nor at the ambiguity
 map. *True pose* is the same one in the twin without localization error (`ambinav_envs.twins`), so
-that their difference, the room, is what that error costs, and nothing else. Who drives better than
-both, around boxes say, has more than 1.
+that their difference, the room, is the cost of that error alone. A method that drives better than
+both, for example around boxes, scores more than 1.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ class Marks:
             pygame.draw.circle(self.picture, WHITE, place, 4)
 
     def trail(self, places: Floats) -> None:
-        """Draw the true positions so far as a solid line."""
+        """Draw the past true positions as a solid line."""
         self._cased(self.camera.pixels(places), ROBOT, 3)
 
     def estimated_trail(self, places: Floats) -> None:

@@ -44,7 +44,7 @@ class Corridors:
 
     Attributes:
         graph: The motions.
-        apart: So near, metres.
+        apart: Distance within which a node is near a path, metres.
         seen: Nodes near any path, bool, shape (N,).
     """
 

@@ -1,7 +1,7 @@
 """The cheapest cycle through all nodes of a small complete graph (asymmetric travelling salesman).
 
-Each node has one arc in and one out, which leaves cycles that are too short; the constraint that so
-many nodes have fewer arcs among them is added for each that a solution has, until there is none
+Each node has one arc in and one out, which leaves cycles that are too short. For each such cycle of
+a solution a constraint is added, that its nodes have fewer arcs among them, until none is left
 (Dantzig, Fulkerson & Johnson 1954, "Solution of a large-scale traveling-salesman problem",
 J. Oper. Res. Soc. Am. 2(4)). The mixed-integer programs are HiGHS's.
 """

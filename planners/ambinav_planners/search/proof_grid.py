@@ -1,7 +1,7 @@
 """Grids of cells on which bounds are proved, and the proof that goes from grid to finer grid.
 
-A path that costs no more than one that is known stays where the bounds from the start and to the
-goal together are no higher. On that part alone the next grid is laid, with cells of half the edges.
+A path that costs no more than a known path stays where the sum of the bounds from the start and to
+the goal is no higher. The next grid covers only that part, with cells of half the edges.
 """
 
 from __future__ import annotations
@@ -139,14 +139,14 @@ def prove(
     Args:
         grid: The first grid.
         met_by_paths: Returns which open cells of a grid paths may meet.
-        bounds_on: Returns for a grid what computes bounds on it in so many iterations: lower
-            bounds of the costs to the first place and from the second, at the vertices.
+        bounds_on: Returns a function that computes bounds on a grid in a number of iterations:
+            lower bounds of the costs to the first place and from the second, at the vertices.
         places: Goal and start.
         path_cost: Cost of a path; the bound is at most that.
         gap: Share of `path_cost` below which the bound is good enough.
         cells: No grid with more open cells than these is begun.
         first: Iterations on the first grid, as `ROUNDS`.
-        carried: Share of what a grid has kept that the next one begins with.
+        carried: Factor on the values kept in a grid, for the initial values of the next one.
     """
     best = 0.0
     for rounds in chain([first], repeat(ROUNDS)):

@@ -41,13 +41,13 @@ class Narrowest(NamedTuple):
 def widest_way(
     geometry: Environment, start: Floats, goal: Floats, spacing: float
 ) -> Narrowest | None:
-    """Return the narrowest place of the way whose narrowest place is widest.
+    """Return the narrowest place of the path whose narrowest place is widest.
 
-    Ways are sought over a lattice of points; the discs up to the walls around two neighbours must
-    touch, so a way over free floor joins them. A passage may be wider than at the points in it, so
-    it counts as wide as it can be until one has looked closer: the narrowest place of the best way
-    is looked at on a finer lattice, until it is one that has been. Gaps narrower than about two
-    spacings may be missed.
+    Paths are searched over a lattice of points; the discs up to the walls around two neighbours
+    must touch, so that a path over free floor joins them. A passage may be wider than at its
+    lattice points, so it first counts with its largest possible width; the narrowest place of the
+    best path is then refined on a finer lattice, until it is one already refined. Gaps narrower
+    than about two spacings may be missed.
 
     Args:
         geometry: The walls.
@@ -56,7 +56,7 @@ def widest_way(
         spacing: Between the points, metres.
 
     Returns:
-        None if there is no way even for a point, as far as the lattice shows.
+        None if there is no path even for a point, as far as the lattice shows.
     """
     lattice = _Lattice.within(geometry, start, goal, geometry.bounds, spacing)
     # Between four points the middle is so far from them at most, and no ends are wider.
@@ -149,7 +149,7 @@ class _Lattice(NamedTuple):
         return cls(points, clearance, a[joined], b[joined])
 
     def way(self, wide: Floats) -> Ints | None:
-        """Return the points of the way whose narrowest one is widest, (M,); None: there is none."""
+        """Return the points of the path whose narrowest one is widest, (M,); None: no path."""
         count = len(self.points)
         # The tree of least weight holds, between any two nodes, the path whose worst edge is best.
         narrow = 1.0 / np.minimum(wide[self.a], wide[self.b]).clip(1e-9)

@@ -1,7 +1,7 @@
 """Trips through a building: the bad floor on the shortest paths and on paths that avoid it.
 
-A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly; what
-it is held against is the path that weighs a metre at level 1 as so many metres more.
+A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly. It is
+compared with the path of least cost, where a metre at level 1 counts as several metres more.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ STRAIGHT: Final = 1e-4
 def room_around(x: Floats, y: Floats, radius: float, margin: float) -> Floats:
     """Return the radius that each robot keeps free, shape (N,), metres.
 
-    That of its disc and a margin; where an obstacle is nearer already, so much less, but no less
-    than half of the margin, that the robot may drive along it.
+    It is the radius of its disc plus a margin. Where an obstacle is already nearer, the margin
+    shrinks, by half at most, so that the robot can drive along the obstacle.
 
     Args:
         x: X of points in the robot's frame, shape (N, P), metres; inf: none.

@@ -19,9 +19,9 @@ NEAR_SHARE: Final = 0.15
 class EchoFilter:
     """Removes echoes that the previous scan does not confirm, such as random readings.
 
-    With one reading of a hundred anywhere, 45 % of the scans of 60 beams have such a one. Cells of
-    the grid of Ulrich and Borenstein (1998) grow certain by repeated echoes; here two in a row make
-    one certain, and it is found a time step later.
+    With one random reading in a hundred, 45 % of the scans of 60 beams contain one. Cells of the
+    grid of Ulrich and Borenstein (1998) become certain by repeated echoes; here two in a row
+    suffice, so that an obstacle is detected a time step later.
     """
 
     def __init__(self) -> None:
