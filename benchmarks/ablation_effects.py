@@ -189,14 +189,14 @@ class Found:
             drawn = np.arange(count)
         groups = (np.repeat(np.arange(runs), count), np.tile(drawn, runs))
         parts = [evidence_of(happened.ravel(), group, LEVEL) for group in groups]
-        more = sum(1.0 / part.runs - 1.0 / happened.size for part in parts)
+        spread_of_parts = sum(1.0 / part.runs - 1.0 / happened.size for part in parts)
         quantile = max(part.quantile for part in parts)
-        return Evidence(1.0 / (1.0 / happened.size + more), quantile)
+        return Evidence(1.0 / (1.0 / happened.size + spread_of_parts), quantile)
 
     def _drawn(self, values: Floats) -> tuple[float, Floats]:
         """Return the mean over the values that are not nan, and that of each draw, shape (D,)."""
-        there = ~np.isnan(values)
-        return self._of_sums(np.where(there, values, 0.0), there.astype(np.float64))
+        is_given = ~np.isnan(values)
+        return self._of_sums(np.where(is_given, values, 0.0), is_given.astype(np.float64))
 
     def _of_sums(self, above: Floats, below: Floats) -> tuple[float, Floats]:
         """Return a ratio of sums over runs and episodes, and that of each draw, shape (D,)."""

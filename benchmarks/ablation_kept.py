@@ -45,16 +45,16 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
     runs = list(dict.fromkeys(key.run for key in driven))
     arrays: dict[str, Any] = {"runs": np.array(runs)}
     for place, condition in dict.fromkeys((key.place, key.condition) for key in driven):
-        there = [driven[Key(run, place, condition)] for run in runs]
+        by_run = [driven[Key(run, place, condition)] for run in runs]
         for name in SHARED:
-            first = getattr(there[0], name)
+            first = getattr(by_run[0], name)
             if not all(
-                np.array_equal(getattr(episodes_of_run, name), first) for episodes_of_run in there
+                np.array_equal(getattr(episodes_of_run, name), first) for episodes_of_run in by_run
             ):
                 raise ValueError(f"{place}, {condition}: {name} is not the same in all runs.")
             arrays[f"{place}/{condition}/{name}"] = first
         for name, kind in OF_RUNS.items():
-            values = np.stack([getattr(episodes_of_run, name) for episodes_of_run in there])
+            values = np.stack([getattr(episodes_of_run, name) for episodes_of_run in by_run])
             arrays[f"{place}/{condition}/{name}"] = values.astype(kind)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as fresh, fresh.open("wb") as file:

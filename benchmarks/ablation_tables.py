@@ -42,10 +42,10 @@ def attribution(main: Sequence[Found]) -> str:
     """Return one sentence for each effect: with which localizers it helps."""
     lines = []
     for name, effect in MAIN_EFFECTS.items():
-        said = {results.localizer: verdict(results, effect) for results in main}
-        texts = "; ".join(f"{localizer}: {text}" for localizer, text in said.items())
-        both = len(said) == 2 and set(said.values()) == {"helps"}
-        lines.append(f"- {name}: {texts}" + (": **shown with both localizers**" if both else ""))
+        verdicts = {results.localizer: verdict(results, effect) for results in main}
+        texts = "; ".join(f"{localizer}: {text}" for localizer, text in verdicts.items())
+        in_both = len(verdicts) == 2 and set(verdicts.values()) == {"helps"}
+        lines.append(f"- {name}: {texts}" + (": **shown with both localizers**" if in_both else ""))
     return "\n".join(lines)
 
 

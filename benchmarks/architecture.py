@@ -123,13 +123,13 @@ def unpack(commit: str, folder: Path) -> None:
 
 def count(root: Path, name: str) -> Tree:
     """Compute the statistics of a working tree."""
-    known = runpy.run_path(str(root / FLOOR_TABLE))
-    floors, boxes = known["FLOORS"], boxes_of(known["FLOORS"])
+    tables = runpy.run_path(str(root / FLOOR_TABLE))
+    floors, boxes = tables["FLOORS"], boxes_of(tables["FLOORS"])
     graph, modules = import_graph(root), modules_in(root)
     rooms: Counter[tuple[str, str]] = Counter()
     for module, imported in graph.items():
-        for other in imported:
-            a, b = box_of(module, boxes), box_of(other, boxes)
+        for target in imported:
+            a, b = box_of(module, boxes), box_of(target, boxes)
             if a != b:
                 rooms[a, b] += 1
     lines: Counter[str] = Counter()
@@ -148,21 +148,21 @@ def count(root: Path, name: str) -> Tree:
         ]
     longest = max((length, text) for length, _, text in functions)
     widest = max((arguments, text) for _, arguments, text in functions)
-    return Tree(name, floors, known["TOOLS"], graph, dict(rooms), lines, files, longest, widest)
+    return Tree(name, floors, tables["TOOLS"], graph, dict(rooms), lines, files, longest, widest)
 
 
 def _functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef | ast.AsyncFunctionDef, int]]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            given = node.args
-            yield node, len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
+            arguments = node.args
+            yield node, len(arguments.posonlyargs) + len(arguments.args) + len(arguments.kwonlyargs)
 
 
 def boxes_of(floors: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
     """Return the boxes of a picture: packages of the core, and what stands apart from its own."""
     rooms = [room for floor in floors for room in floor]
-    apart = [room for room in rooms if room in APART or room.startswith("ambinav_")]
-    return tuple(dict.fromkeys([*apart, *(room.partition(".")[0] for room in rooms)]))
+    separate = [room for room in rooms if room in APART or room.startswith("ambinav_")]
+    return tuple(dict.fromkeys([*separate, *(room.partition(".")[0] for room in rooms)]))
 
 
 def box_of(module: str, boxes: tuple[str, ...]) -> str:
@@ -207,15 +207,15 @@ def _lines_by_box(before: Tree, now: Tree) -> Iterator[tuple[str, list[str]]]:
 def _summary(before: Tree, now: Tree) -> Iterator[tuple[str, ...]]:
     trees = (before, now)
 
-    def row(what: str, values: list[object]) -> tuple[str, ...]:
-        return (what, *map(str, values))
+    def row(label: str, values: list[object]) -> tuple[str, ...]:
+        return (label, *map(str, values))
 
     yield row("files", [sum(t.files.values()) for t in trees])
     for package in PACKAGES:
-        own = [
+        totals = [
             sum(n for box, n in t.lines.items() if _package(box) == package) for t in trees
         ]  # fmt: skip
-        yield row(f"lines of {package}", list(own))
+        yield row(f"lines of {package}", list(totals))
     yield row("circles of files", [len(circles(t.graph)) for t in trees])
     yield row("files in them", [sum(map(len, circles(t.graph))) for t in trees])
     yield row("circles of packages", [len(circles(_boxes(t))) for t in trees])
@@ -293,17 +293,17 @@ def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tupl
     for _ in range(12):
         slot: dict[str, int] = {}
         for y in set(row.values()):
-            here = [box for box in boxes if row[box] == y]
-            slot |= dict(zip(here, rng.permutation(SLOTS)[: len(here)].tolist(), strict=True))
+            in_row = [box for box in boxes if row[box] == y]
+            slot |= dict(zip(in_row, rng.permutation(SLOTS)[: len(in_row)].tolist(), strict=True))
         cost, better = _cost(slot, row, edges), True
         while better:
             better = False
             for box in boxes:
                 for to in range(SLOTS):
                     tried = slot | {box: to}
-                    for other in boxes:
-                        if other != box and row[other] == row[box] and slot[other] == to:
-                            tried[other] = slot[box]
+                    for rival in boxes:
+                        if rival != box and row[rival] == row[box] and slot[rival] == to:
+                            tried[rival] = slot[box]
                     if (tried_cost := _cost(tried, row, edges)) < cost:
                         slot, cost, better = tried, tried_cost, True
         best = min(best, (cost, slot), key=lambda cost_and_slots: cost_and_slots[0])

@@ -25,21 +25,21 @@ KINDS = ("exact", "forward", "backward", "even")
 Row = dict[str, Any]
 
 
-def maps_part(kept: Row, scanner: str) -> str:
+def maps_part(case: Row, scanner: str) -> str:
     """Return the table of losses on the held-out maps."""
-    subsets = [name for name in next(iter(kept["held_out"].values())) if name != "full"]
+    subsets = [name for name in next(iter(case["held_out"].values())) if name != "full"]
     rows = [
         (
             name,
             " / ".join(f"{share:.0f}" for share in row["full"]),
             *(f"{row[subset][0]:.2f} / {row[subset][1]:.2f}" for subset in subsets),
         )
-        for name, row in kept["held_out"].items()
+        for name, row in case["held_out"].items()
     ]
-    most = {subset: max(row[subset][0] for row in kept["held_out"].values()) for subset in subsets}
+    high = {subset: max(row[subset][0] for row in case["held_out"].values()) for subset in subsets}
     verdict = ", ".join(
         f"{subset} {'holds' if value <= LIMIT else 'DOES NOT HOLD'} ({value:.2f})"
-        for subset, value in most.items()
+        for subset, value in high.items()
     )
     curves = [
         (
@@ -48,21 +48,21 @@ def maps_part(kept: Row, scanner: str) -> str:
             f"{np.median(drawn):.1f} ({min(drawn):.1f} to {max(drawn):.1f})",
         )
         for size, even, greedy, drawn in zip(
-            kept["sizes"],
-            *(kept["curves"][subset] for subset in ("even", "greedy")),
-            kept["random"],
+            case["sizes"],
+            *(case["curves"][subset] for subset in ("even", "greedy")),
+            case["random"],
             strict=True,
         )
     ]
     header = ("held-out map", f"{' / '.join(ZONES)}, %", *subsets)
     beams = ("beams", "even: chosen on", "held out", "greedy: chosen on", "held out", "random")
-    fewest = kept["fewest"]
+    fewest = case["fewest"]
     return f"""## {scanner}
 
-The fewest beams within {LIMIT:g} points on every map that was chosen on: {len(kept["chosen"])}
-({kept["method"]}). Even spacing needs {fewest["even"]}, greedy search
-{fewest["greedy"] or "more than were followed"}. It took {kept["seconds"]:.0f} s, greedy search
-up to {QUARTER} beams {kept["quarter_seconds"]:.0f} s, on a machine with other work.
+The fewest beams within {LIMIT:g} points on every map that was chosen on: {len(case["chosen"])}
+({case["method"]}). Even spacing needs {fewest["even"]}, greedy search
+{fewest["greedy"] or "more than were followed"}. It took {case["seconds"]:.0f} s, greedy search
+up to {QUARTER} beams {case["quarter_seconds"]:.0f} s, on a machine with other work.
 
 Whole maps of the other half, points off those of all 360 beams: the largest change of a zone's
 share / 100 times the mean difference of the level. At most {LIMIT:g} points of any zone: {verdict}.
@@ -88,14 +88,14 @@ def small_part(rows: Sequence[Row], places: int) -> str:
     )
     exact = sum(gap < 1e-4 for gap in gaps["forward"])
     checked = {kind: np.mean([row[f"{kind} checked"] for row in rows]) for kind in KINDS}
-    other = ", ".join(f"{kind} {value:.2f}" for kind, value in checked.items())
+    checked_text = ", ".join(f"{kind} {value:.2f}" for kind, value in checked.items())
     return f"""## Greedy search against the exact optimum
 
 A ring of 16 sonars, {places} places of a map: what the search makes small (100 times the mean
 difference of the level) with the best of all subsets of a size, with greedy search that adds from
 nothing (`forward`) and that removes from all (`backward`), and with even spacing; in brackets on
 {places} other places. Above the optimum, median over maps and sizes: {text}; forward search is
-the optimum itself in {exact} of {len(rows)} cases. On the other places, mean: {other}.
+the optimum itself in {exact} of {len(rows)} cases. On the other places, mean: {checked_text}.
 
 {table(("map", "beams", *KINDS), body)}"""
 
@@ -201,8 +201,8 @@ def _ratio(
 def times_part(rows: Sequence[Sequence[Any]]) -> str:
     """Return the time of an update."""
     body = [
-        (beams, localizer, f"{full:.3f}", f"{kept:.3f}", f"{ratio:.2f} ({low:.2f} to {high:.2f})")
-        for beams, localizer, full, kept, ratio, low, high in rows
+        (beams, localizer, f"{full:.3f}", f"{few:.3f}", f"{ratio:.2f} ({low:.2f} to {high:.2f})")
+        for beams, localizer, full, few, ratio, low, high in rows
     ]
     return f"""## Time of an update
 

@@ -78,18 +78,18 @@ class FollowsWall(Declares):
 
     def __init__(self, parameters: NavigationParameters, sure: float) -> None:
         super().__init__(parameters, sure)
-        self._found = np.zeros(0, dtype=np.bool_)
+        self._has_wall = np.zeros(0, dtype=np.bool_)
 
     def _search(
         self, observations: Observation, starts: Bools, unsure: Bools, actions: Floats
     ) -> None:
-        if len(self._found) != len(starts):
-            self._found = np.zeros(len(starts), dtype=np.bool_)
+        if len(self._has_wall) != len(starts):
+            self._has_wall = np.zeros(len(starts), dtype=np.bool_)
         ranges = self._far * observations["scan"].astype(np.float64)
         left = ranges[:, (self._angle > 0.7) & (self._angle < 2.4)].min(axis=1)
         front = ranges[:, np.abs(self._angle) < 0.6].min(axis=1)
-        self._found = ~starts & (self._found | (np.minimum(left, front) < self.NEAR))
-        follows = unsure & self._found
+        self._has_wall = ~starts & (self._has_wall | (np.minimum(left, front) < self.NEAR))
+        follows = unsure & self._has_wall
         turn = np.clip(1.5 * (np.minimum(left, 2.0 * self.BESIDE) - self.BESIDE), -0.5, 0.5)
         blocked = front < self.BESIDE
         turn = np.where(blocked, -0.5, turn)
@@ -178,7 +178,7 @@ class Planner:
         weights = weights_of(parameters.reward)
         self._arrival, self._missed = weights["arrival"], weights["missed"]
         self._metre = weights["time"] / (PACE * parameters.robot.max_speed)
-        self._known: dict[str, Looks] = {}
+        self._looks_by_key: dict[str, Looks] = {}
         self._plans: dict[int, tuple[int, Any, Any]] = {}
         # Which places a robot has been at; who has looked there need not look again.
         self._been: dict[int, NDArray[np.bool_]] = {}
@@ -189,8 +189,8 @@ class Planner:
         for i in rows:
             site = simulation.sites[i]
             assert site is not None
-            if self._looks and site.building.key not in self._known:
-                self._known[site.building.key] = Looks.of(site)
+            if self._looks and site.building.key not in self._looks_by_key:
+                self._looks_by_key[site.building.key] = Looks.of(site)
             self._been[i] = np.zeros(PLACES, dtype=np.bool_)
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
@@ -204,8 +204,8 @@ class Planner:
             step, hypotheses = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
             planned = self._plans.get(i)
             if self._looks:
-                known = self._known[site.building.key]
-                off = np.hypot(*(known.places - hypotheses[0, 1:3]).T)
+                looks = self._looks_by_key[site.building.key]
+                off = np.hypot(*(looks.places - hypotheses[0, 1:3]).T)
                 self._been[i][: len(off)] |= off <= REACHED
             if planned is None or self._due(step, hypotheses, planned):
                 planned = step, hypotheses[:, 0].copy(), self._plan(i, site, task, hypotheses)
@@ -236,12 +236,12 @@ class Planner:
         commit = [self._end(share, k, to_go[k]) for k in range(len(share))]
         best = int(np.argmax(commit))
         if self._looks and len(share) > 1:
-            known = self._known[site.building.key]
-            gain = self._look(site, to_goal, share, poses, known)
+            looks = self._looks_by_key[site.building.key]
+            gain = self._look(site, to_goal, share, poses, looks)
             gain[self._been[i][: len(gain)]] = -np.inf
             place = int(np.argmax(gain))
             if gain[place] > commit[best]:
-                target = known.places[place]
+                target = looks.places[place]
                 field = _field(site, target)
                 return 0, target, CostToGo.of(field, site.lattice.table).towards
         return best, None, task.cost_to_go.towards
@@ -260,19 +260,19 @@ class Planner:
 
         Value iteration over the sets of hypotheses that looks leave.
         """
-        many, places = len(share), len(looks.places)
-        there = between(poses[0], np.column_stack([looks.places, np.zeros(places)]))
-        own = [looks.places] + [compose(poses[k], there)[:, :2] for k in range(1, many)]
-        scans = [looks.scans] + [_scans(site, compose(poses[k], there)) for k in range(1, many)]
+        count, places = len(share), len(looks.places)
+        offsets = between(poses[0], np.column_stack([looks.places, np.zeros(places)]))
+        targets = [looks.places] + [compose(poses[k], offsets)[:, :2] for k in range(1, count)]
+        scans = [looks.scans] + [_scans(site, compose(poses[k], offsets)) for k in range(1, count)]
         to_go = [
-            np.array([site.lattice.distance(to_goal, *at) for at in own[k].tolist()])
-            for k in range(many)
+            np.array([site.lattice.distance(to_goal, *at) for at in targets[k].tolist()])
+            for k in range(count)
         ]
         alike = {
             (j, k): (np.abs(scans[j] - scans[k]) > DIFFERENT).sum(axis=1) < BEAMS
-            for j, k in combinations(range(many), 2)
+            for j, k in combinations(range(count), 2)
         }
-        sets = [s for n in range(1, many + 1) for s in combinations(range(many), n)]
+        sets = [s for n in range(1, count + 1) for s in combinations(range(count), n)]
         ends = {s: self._best_end(share, s, to_go) for s in sets}
         value = dict(ends)
         for _ in range(self._looks - 1):
@@ -292,12 +292,12 @@ class Planner:
         """Return the expected reward after a look at each place, which leaves some of them."""
         total = np.zeros_like(next(iter(value.values())))
         for place in range(len(total)):
-            left = list(members)
-            while left:
-                first, *others = left
-                group = (first, *(k for k in others if alike[first, k][place]))
+            remaining = list(members)
+            while remaining:
+                first, *candidates = remaining
+                group = (first, *(k for k in candidates if alike[first, k][place]))
                 total[place] += value[group][place]
-                left = [k for k in left if k not in group]
+                remaining = [k for k in remaining if k not in group]
         return total
 
     def _after(
@@ -307,13 +307,13 @@ class Planner:
         end: Floats,
         value: dict[Any, Floats],
         alike: dict[Any, Any],
-        apart: Floats,
+        distance: Floats,
     ) -> Floats:
         """Return the reward from each place: an end, or the best further look."""
         if len(members) == 1:
             return end
         total = share[list(members)].sum()
-        further = self._after_look(members, value, alike) - self._metre * total * apart
+        further = self._after_look(members, value, alike) - self._metre * total * distance
         return np.maximum(end, further.max(axis=1))
 
 

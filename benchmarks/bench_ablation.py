@@ -120,11 +120,11 @@ class Study:
     def __init__(self, folder: Path, results: Path) -> None:
         self._folder, self._results = folder, results
         self._sources: dict[str, BuildingSource] = {}
-        self._there: dict[int | None, dict[Key, Episodes]] = {}
+        self._episodes: dict[int | None, dict[Key, Episodes]] = {}
 
     def make(self, number: int) -> None:
         """Train and evaluate the missing ones of a seed's sixteen cells."""
-        if self._kept(number).is_file():
+        if self._log_path(number).is_file():
             return
         with appended(self.log(number)) as append:
             for localizer, cell in product(LOCALIZERS, CELLS):
@@ -141,7 +141,7 @@ class Study:
 
     def follow(self) -> None:
         """Run the route followers, which are not trained."""
-        if self._kept(None).is_file():
+        if self._log_path(None).is_file():
             return
         for localizer, (cell, policy) in product(LOCALIZERS, FOLLOWERS.items()):
             self._judge(run_name(localizer, cell), localizer, policy)
@@ -149,20 +149,20 @@ class Study:
 
     def log(self, number: int) -> Path:
         """Return the file of a seed's rows."""
-        return self._kept(number).with_suffix(".jsonl")
+        return self._log_path(number).with_suffix(".jsonl")
 
     def episodes(
         self, localizer: str, cell: Cell, number: int | None, venue: str, condition: str
     ) -> list[Episodes]:
         """Return a run's episodes in the buildings of a venue; empty if its seed is incomplete."""
-        if number not in self._there:
-            self._there[number] = kept(self._kept(number))
+        if number not in self._episodes:
+            self._episodes[number] = kept(self._log_path(number))
         name = run_name(localizer, cell, number)
         keys = [Key(name, place, condition) for place in VENUES[venue]]
-        there = self._there[number]
-        return [there[key] for key in keys] if all(key in there for key in keys) else []
+        driven = self._episodes[number]
+        return [driven[key] for key in keys] if all(key in driven for key in keys) else []
 
-    def _kept(self, number: int | None) -> Path:
+    def _log_path(self, number: int | None) -> Path:
         """Return the result file of a seed, or of the followers."""
         return self._results / ("followers.npz" if number is None else f"seed-{number * APART}.npz")
 
@@ -171,10 +171,10 @@ class Study:
         driven = {}
         for name, (venue, places), condition in product(names, VENUES.items(), CONDITIONS):
             for place in places:
-                done = self._driven(name, place, condition)
-                assert done is not None and len(done) == EPISODES[venue]
-                driven[Key(name, place, condition)] = done
-        keep(self._kept(number), driven)
+                driven_episodes = self._driven(name, place, condition)
+                assert driven_episodes is not None and len(driven_episodes) == EPISODES[venue]
+                driven[Key(name, place, condition)] = driven_episodes
+        keep(self._log_path(number), driven)
 
     def _train(self, name: str, localizer: str, cell: Cell, number: int) -> float:
         """Train a policy unless it exists; return the seconds."""
@@ -225,16 +225,16 @@ class Study:
         begun, policy, driven = time.perf_counter(), load_policy(policy_source), False
         for (venue, places), condition in product(VENUES.items(), CONDITIONS):
             for place in places:
-                done = self._driven(name, place, condition)
-                if done is None or len(done) != EPISODES[venue]:
+                episodes = self._driven(name, place, condition)
+                if episodes is None or len(episodes) != EPISODES[venue]:
                     parameters = NavigationParameters.of(
                         {**CONDITIONS[condition], **policy.seeing, **LOCALIZERS[localizer]}
                     )
                     count = EPISODES[venue]
-                    done = evaluate_in(
+                    episodes = evaluate_in(
                         policy, self._source(place), parameters, count, SEED, chunk=count
                     )
-                    save_episodes(done, self._path(name, place, condition))
+                    save_episodes(episodes, self._path(name, place, condition))
                     driven = True
         return log_step(f"driven: {name}", begun) if driven else 0.0
 
@@ -297,7 +297,7 @@ def about(study: Study, results: Sequence[Found], numbers: Sequence[int]) -> str
     settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     rows = [row for number in numbers for row in kept_rows(study.log(number))]
     took = {
-        what: sum(row[what] for row in rows if what in row) / 60.0 for what in ("trained", "driven")
+        task: sum(row[task] for row in rows if task in row) / 60.0 for task in ("trained", "driven")
     }
     counts = {item.localizer: ", ".join(map(str, item.seeds)) for item in results}
     replicates = "; ".join(f"`{name}`: seeds {seeds}" for name, seeds in counts.items())

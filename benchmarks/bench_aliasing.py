@@ -129,9 +129,9 @@ def in_tiles(p: Complex) -> Complex:
     left, top = 0.05 * np.array(TILE_COLUMNS), 0.05 * (10976 - np.array(TILE_ROWS))
     column = np.searchsorted(left, p.real, side="right") - 1
     row = np.searchsorted(-top, -p.imag, side="right") - 1
-    own = p - (left[column] + 1j * top[row])
+    local = p - (left[column] + 1j * top[row])
     corner = (left[:, np.newaxis] + 1j * top).ravel()
-    twins = own[:, np.newaxis] + corner
+    twins = local[:, np.newaxis] + corner
     twins[np.arange(len(p)), column * len(top) + row] = np.nan
     return twins
 

@@ -60,8 +60,8 @@ def main() -> None:
                 args.repeats,
             )
             made, audited = times["map"].seconds, times["audit"].seconds
-            more = [b - a for a, b in zip(made, audited, strict=True)]
-            rows.append((name, preset, *(spread(part, 1) for part in (made, audited, more))))
+            added = [b - a for a, b in zip(made, audited, strict=True)]
+            rows.append((name, preset, *(spread(part, 1) for part in (made, audited, added))))
             print(" | ".join(rows[-1]), file=sys.stderr)
     body = f"{table(HEAD, rows, 2)}\n\nMedian and range of {args.repeats} rounds."
     report("Audits", ("ambinav", "numba", "numpy", "matplotlib"), body, args.out)

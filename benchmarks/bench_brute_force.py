@@ -99,8 +99,8 @@ def differences(
     ]
     coarse, fine = maps[0], maps[-1]
     model = json.loads(coarse.dataset.attrs["parameters"])
-    known = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)
-    cells = rng.permutation(np.argwhere(known))[:count]
+    explored = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)
+    cells = rng.permutation(np.argwhere(explored))[:count]
     rows = []
     for row, column in cells:
         x, y = float(coarse.dataset["x"][column]), float(coarse.dataset["y"][row])
@@ -129,12 +129,12 @@ def described(measured: Floats) -> list[str]:
     sizes = np.quantile(np.abs(coarse), (0.5, 0.95))
     halves = np.quantile(np.abs(fine), (0.5, 0.95)) if len(fine) else (math.nan, math.nan)
     numbers = [*sizes, coarse.min(), coarse.max()]
-    apart = [coarse[clear].min(initial=0.0), *halves, fine.min(initial=0.0)]
+    gaps = [coarse[clear].min(initial=0.0), *halves, fine.min(initial=0.0)]
     counts = [int((np.abs(coarse) > MUCH).sum()), int(differ.sum())]
     return [
         str(len(measured)), *(f"{value:.3f}" for value in numbers),
         *(str(count) for count in counts),
-        *(f"{value:.3f}" for value in apart),
+        *(f"{value:.3f}" for value in gaps),
     ]  # fmt: skip
 
 

@@ -119,10 +119,10 @@ def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
             if near.sum() < 20:
                 break
             shift = np.linalg.lstsq(J[near], off[near], rcond=None)[0]
-            left = off - J @ shift
-            near = wall & (np.abs(left) < INLIER)
+            residual = off - J @ shift
+            near = wall & (np.abs(residual) < INLIER)
         else:
-            distances.append(left[wall])
+            distances.append(residual[wall])
     return np.concatenate(distances)
 
 

@@ -31,10 +31,10 @@ def main() -> None:
     )
     names = building_names()[:: args.every]
     with appended(args.file) as append:
-        done = {(row["building"], row["scanner"]) for row in kept_rows(args.file)}
+        finished = {(row["building"], row["scanner"]) for row in kept_rows(args.file)}
         for name in names:
             for scanner, aperture in APERTURES.items():
-                if (name, scanner) not in done:
+                if (name, scanner) not in finished:
                     for row in certified(name, aperture, args.routes):
                         append({"building": name, "scanner": scanner, **row})
             print(name, file=sys.stderr, flush=True)
@@ -42,12 +42,12 @@ def main() -> None:
     body = f"{str(__doc__).split(chr(10) * 2, 1)[1].strip()}\n\n"
     cells = []
     for scanner in APERTURES:
-        for most in CELLS:
-            kept = [row for row in rows if (row["scanner"], row["cells"]) == (scanner, most)]
-            gaps, seconds = (np.array([row[key] for row in kept]) for key in ("gap", "seconds"))
+        for limit in CELLS:
+            cases = [row for row in rows if (row["scanner"], row["cells"]) == (scanner, limit)]
+            gaps, seconds = (np.array([row[key] for row in cases]) for key in ("gap", "seconds"))
             quantiles = (f"{100.0 * np.quantile(gaps, q):.2f}" for q in (0.5, 0.95, 1.0))
-            buildings = len({row["building"] for row in kept})
-            cells.append((scanner, f"{most}", buildings, len(kept), *quantiles, spread(seconds)))
+            buildings = len({row["building"] for row in cases})
+            cells.append((scanner, f"{limit}", buildings, len(cases), *quantiles, spread(seconds)))
     header = (
         "laser", "cells", "buildings", "routes", "gap % median", "95th", "most", "seconds"
     )  # fmt: skip

@@ -186,9 +186,9 @@ def body(rows: list[Pair], args: argparse.Namespace) -> str:
         )
     )
     for scale in sorted({row["odometry"] for row in rows}):
-        here = [row for row in rows if row["odometry"] == scale]
+        case_rows = [row for row in rows if row["odometry"] == scale]
         parts.append(f"## {odometry_name(scale).capitalize()}")
-        parts += tables(here, cases, names, odometry_name(scale))
+        parts += tables(case_rows, cases, names, odometry_name(scale))
     return "\n\n".join(parts)
 
 
@@ -307,21 +307,21 @@ def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
     That one interval holds 0 and the other does not is no evidence that the localizers differ: that
     is what the interval of the difference between their gains is for.
     """
-    both = {name: shown[name] for name in BOTH if name in shown}
-    if len(both) < len(BOTH):
+    effects = {name: shown[name] for name in BOTH if name in shown}
+    if len(effects) < len(BOTH):
         return "only one localizer has been driven"
-    first, second = both
-    if both[first] == both[second]:
+    first, second = effects
+    if effects[first] == effects[second]:
         texts = {"a gain": "a gain is shown with both", "a loss": "a loss is shown with both"}
-        return texts.get(both[first], "nothing is shown with either")
+        return texts.get(effects[first], "nothing is shown with either")
     # What is shown first; "a gain" comes before "a loss", and that before "neither".
-    (better, effect), (other, less) = sorted(both.items(), key=lambda item: item[1])
+    (better, effect), (other, less) = sorted(effects.items(), key=lambda item: item[1])
     other_text = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
     value, low, high = (100 * v for v in gains_apart(by_localizer[first], by_localizer[second]))
-    apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
+    text = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
         f"{effect} is shown with `{better}`, {other_text}; their differences are {value:+.1f} "
-        f"points apart ({low:+.1f} to {high:+.1f}), {apart}"
+        f"points apart ({low:+.1f} to {high:+.1f}), {text}"
     )
 
 

@@ -93,9 +93,9 @@ def main() -> None:
             path = Path(folder) / f"hall.{suffix}"
             write(path, points)
             command = [sys.executable, __file__, "--read", str(path)]
-            done = subprocess.run(command, capture_output=True, text=True, check=True)
+            result = subprocess.run(command, capture_output=True, text=True, check=True)
             size = f"{path.stat().st_size / 1e6:.0f} MB"
-            rows.append((f".{suffix}", size, *done.stdout.split()[-1].split(",")))
+            rows.append((f".{suffix}", size, *result.stdout.split()[-1].split(",")))
             path.unlink()
     head = ("file", "size", "counting, s", "GB", "all, s", "GB", "million voxels", "triangles")
     body = f"{len(points)} points.\n\n{table(head, rows)}"

@@ -91,9 +91,9 @@ def rates(drivers: dict[str, Driving], repeats: int) -> dict[str, tuple[str, str
     rates_by_name: dict[str, list[float]] = {name: [] for name in drivers}
     for _ in range(repeats):
         for name, run in drivers.items():
-            taken, run.seconds = run.taken, 0.0
+            steps_before, run.seconds = run.taken, 0.0
             run()
-            rates_by_name[name].append((run.taken - taken) / run.seconds / 1e3)
+            rates_by_name[name].append((run.taken - steps_before) / run.seconds / 1e3)
     return {
         name: (spread(values, 1), f"{drivers[name].taken / max(drivers[name].ended, 1):.0f}")
         for name, values in rates_by_name.items()

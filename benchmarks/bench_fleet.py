@@ -116,9 +116,9 @@ def kill_and_resume(
             counts["commands started"] += 1
             _await_progress(process, output)
             while process.poll() is None:
-                left = kills - counts["workers killed"] - counts["commands killed"]
+                remaining = kills - counts["workers killed"] - counts["commands killed"]
                 try:
-                    process.wait(rng.uniform(*MOMENTS) if left else None)
+                    process.wait(rng.uniform(*MOMENTS) if remaining else None)
                 except subprocess.TimeoutExpired:
                     if _kill(process, rng) == "worker":
                         counts["workers killed"] += 1
@@ -169,14 +169,14 @@ def main() -> int:
         draw_sites(few, len(SUITES))
         seconds_of(few, folder / "warm", 0, args.spacing)  # kernels are compiled
         rounds: dict[int, list[float]] = {1: [], 2: []}
-        most = []
+        ceilings = []
         for _ in range(args.rounds):
-            most.append(ceiling())
+            ceilings.append(ceiling())
             for n, durations in rounds.items():
                 shutil.rmtree(folder / f"w{n}", ignore_errors=True)
                 durations.append(seconds_of(sites, folder / f"w{n}", n, args.spacing))
         ratio = [first / second for first, second in zip(*rounds.values(), strict=True)]
-        again = seconds_of(sites, folder / "w2", 2, args.spacing)
+        repeated = seconds_of(sites, folder / "w2", 2, args.spacing)
         first, second = content(folder / "w1"), content(folder / "w2")
         wrong = [name for name in sorted({*first, *second}) if first.get(name) != second.get(name)]
         peak = max(
@@ -191,8 +191,8 @@ def main() -> int:
             ("seconds, 1 worker", spread(rounds[1], ".1f")),
             ("seconds, 2 workers", spread(rounds[2], ".1f")),
             ("times as fast", spread(ratio, ".2f")),
-            ("times as fast, two plain loops", spread(most, ".2f")),
-            ("seconds, the same command again", f"{again:.1f}"),
+            ("times as fast, two plain loops", spread(ceilings, ".2f")),
+            ("seconds, the same command again", f"{repeated:.1f}"),
             ("peak memory of a worker, MB", f"{peak:.0f}"),
             ("size of index.html, MB", f"{page / 1e6:.2f}"),
             ("files that differ between 1 and 2 workers", len(wrong)),

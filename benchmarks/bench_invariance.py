@@ -25,20 +25,20 @@ TURNS = range(0, 91, 6)
 def differences(
     first: an.AmbiguityMap,
     at: NDArray[np.float64],
-    other: an.AmbiguityMap,
-    there: NDArray[np.float64],
+    second: an.AmbiguityMap,
+    points: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return absolute differences of `level` at the same physical points, two of shape (2, N)."""
     change = np.abs(
-        np.asarray(first.sample("level", *at)) - np.asarray(other.sample("level", *there))
+        np.asarray(first.sample("level", *at)) - np.asarray(second.sample("level", *points))
     )
     return change[np.isfinite(change)]
 
 
 def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
     """Return one line of the table."""
-    median, high, most = np.percentile(change, [50, 95, 99])
-    return name, f"{median:.4f}", f"{high:.3f}", f"{most:.3f}"
+    median, high, highest = np.percentile(change, [50, 95, 99])
+    return name, f"{median:.4f}", f"{high:.3f}", f"{highest:.3f}"
 
 
 def bad_floor(env: an.Environment, preset: str, spacing: float) -> float:
@@ -82,10 +82,10 @@ def main() -> None:
     for degrees in DEGREES:
         angle = math.radians(degrees)
         c, s = math.cos(angle), math.sin(angle)
-        there = np.array([[c, -s], [s, c]]) @ at + np.array(SHIFT)[:, None]
+        moved = np.array([[c, -s], [s, c]]) @ at + np.array(SHIFT)[:, None]
         turned = an.build_map(env.transformed(angle, *SHIFT), scanner, store=False)
         name = f"turned by {degrees} degrees and shifted by (0.037, 0.061) m"
-        rows.append(row(name, differences(plain, at, turned, there)))
+        rows.append(row(name, differences(plain, at, turned, moved)))
     for spacing in (0.05, 0.2):
         resampled = an.build_map(env, scanner, spacing=spacing, store=False)
         rows.append(row(f"spacing {spacing} m", differences(plain, at, resampled, at)))

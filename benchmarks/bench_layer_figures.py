@@ -101,12 +101,12 @@ def of_program(context: LayerContext, rng: np.random.Generator) -> tuple[str, st
     lattice = Lattice.over(env, CELL)
     column, row = np.meshgrid(np.arange(len(lattice.x)), np.arange(len(lattice.y)))
     x, y = lattice.x[column], lattice.y[row]
-    here = np.pad(~lattice.free, 1, constant_values=True)
-    there = np.pad(
+    walls = np.pad(~lattice.free, 1, constant_values=True)
+    moved_walls = np.pad(
         ~np.asarray(env.is_free(x + SHIFT[0] * CELL, y + SHIFT[1] * CELL)),
         1, constant_values=True,
     )  # fmt: skip
-    cells = np.argwhere(apart_from_walls(here) & apart_from_walls(there)) - 1
+    cells = np.argwhere(apart_from_walls(walls) & apart_from_walls(moved_walls)) - 1
     cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
     free = np.zeros_like(lattice.free)
     free[cells[:, 0], cells[:, 1]] = True
@@ -114,7 +114,7 @@ def of_program(context: LayerContext, rng: np.random.Generator) -> tuple[str, st
     ours = [
         np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
     ]
-    first, other = (rank_one(grid, cells + 1) for grid in (here, there))
+    first, second = (rank_one(grid, cells + 1) for grid in (walls, moved_walls))
     wider = Lattice.over(env, 2 * CELL)
     grid = np.pad(~wider.free, 1, constant_values=True)
     row = np.rint((lattice.y[cells[:, 0]] - wider.y[0]) / (2 * CELL)).astype(np.intp) + 1
@@ -124,7 +124,7 @@ def of_program(context: LayerContext, rng: np.random.Generator) -> tuple[str, st
     return (
         correlation(ours[0], first),
         correlation(ours[1], first),
-        correlation(first, other),
+        correlation(first, second),
         correlation(first[open_there], coarse),
     )
 
@@ -142,12 +142,12 @@ def apart_from_walls(occupied: Mask) -> Mask:
 
 def rank_one(occupied: Mask, cells: NDArray[np.intp]) -> Floats:
     """Return the share of 64 rays whose differences of hit cells have rank 1, at cells (N, 2)."""
-    own, east, north = hit_cells(occupied, cells), np.array([0, 1]), np.array([1, 0])
+    cells_hit, east, north = hit_cells(occupied, cells), np.array([0, 1]), np.array([1, 0])
     rows = np.stack(
         [
             hit_cells(occupied, cells + east) - hit_cells(occupied, cells - east),
             hit_cells(occupied, cells + north) - hit_cells(occupied, cells - north),
-            np.roll(own, -1, axis=1) - np.roll(own, 1, axis=1),
+            np.roll(cells_hit, -1, axis=1) - np.roll(cells_hit, 1, axis=1),
         ],
         axis=2,
     )
@@ -169,9 +169,9 @@ def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
         length += 1
         row = np.rint(cells[pose, 0] + length * np.sin(angle[ray])).astype(np.int64)
         column = np.rint(cells[pose, 1] + length * np.cos(angle[ray])).astype(np.int64)
-        met = occupied[row, column]
-        cells_hit[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
-        pose, ray = pose[~met], ray[~met]
+        is_hit = occupied[row, column]
+        cells_hit[pose[is_hit], ray[is_hit]] = np.stack([row[is_hit], column[is_hit]], axis=1)
+        pose, ray = pose[~is_hit], ray[~is_hit]
     return cells_hit
 
 

@@ -121,8 +121,8 @@ def main() -> None:
         counts = np.array([int(number) for number in ends.split(",")])
         curves.append(curve)
         judged.append(counts)
-        most = curve[:, 2] >= 0.9
-        reached = f"{curve[most.argmax(), 3] / 60.0:.1f}" if most.any() else "not"
+        good = curve[:, 2] >= 0.9
+        reached = f"{curve[good.argmax(), 3] / 60.0:.1f}" if good.any() else "not"
         shares = [f"{100.0 * count / counts.sum():.0f}" for count in counts]
         rows.append(
             (str(seed), f"{curve[-1, 0]:.0f}", f"{100.0 * curve[-1, 2]:.0f}", reached, *shares)
@@ -136,12 +136,12 @@ def main() -> None:
     )  # fmt: skip
     arrived = [np.arange(counts.sum()) < counts[0] for counts in judged]
     group = np.repeat(np.arange(len(judged)), [len(each) for each in arrived])
-    whole = share(np.concatenate(arrived), group=group).scaled(100.0)
+    total = share(np.concatenate(arrived), group=group).scaled(100.0)
     body = (
         f"`{options.id}`, window={options.window}, {options.minutes:g} minutes a seed. *In "
         "training* is the share of the last round's episodes, with exploration; the ends are "
         f"without, of {EACH * ENVS} episodes a seed in buildings that it has not seen. Over all "
-        f"seeds {whole.value:.1f} % arrive ({whole.low:.1f} to {whole.high:.1f}, by seeds).\n\n"
+        f"seeds {total.value:.1f} % arrive ({total.low:.1f} to {total.high:.1f}, by seeds).\n\n"
         f"{table(header, rows, 1)}"
     )
     report("Learning curves of plain PPO", LIBRARIES, body, options.out)

@@ -122,7 +122,7 @@ def main() -> None:
         forecast=option(None, "score another forecast too", metavar="MODULE:FUNCTION"),
     )
     args = parser.parse_args()
-    other = None if args.forecast is None else function_of(args.forecast)
+    predictor = None if args.forecast is None else function_of(args.forecast)
     names = list(args.buildings) or building_names()
     if not args.kept:
         with ThreadPoolExecutor(2) as pool:
@@ -130,7 +130,7 @@ def main() -> None:
             words += ["--folder", str(args.folder), "--scanners", *args.scanners]
             list(pool.map(lambda name: run_script("lost_case.py", name, *words), names))
     begin = to_fit(args.localizer) if args.score is None else LocalizerClass.load(args.score)
-    cases = [case for name in names for case in cases_of(args, name, begin, other)]
+    cases = [case for name in names for case in cases_of(args, name, begin, predictor)]
     rng = np.random.default_rng(SEED)
     routes = [case.driven for case in cases]
     if args.score is None:
@@ -171,7 +171,7 @@ def function_of(place: str) -> Predictor:
 
 
 def cases_of(
-    args: argparse.Namespace, name: str, begin: LocalizerClass, other: Predictor | None
+    args: argparse.Namespace, name: str, begin: LocalizerClass, predictor: Predictor | None
 ) -> list[Case]:
     """Return the driven routes of a building; none where it is too large."""
     folder: Path = args.folder / name
@@ -188,8 +188,8 @@ def cases_of(
         amap = build_map(environment, scanner_of(scanner), spacing=spacing, store=True)
         field = InformationField.of(amap, echoes=begin.limited_by_echoes(scanner_of(scanner)))
         for path in paths:
-            with np.load(path) as kept:
-                record = {key: kept[key] for key in kept.files}
+            with np.load(path) as archive:
+                record = {key: archive[key] for key in archive.files}
             odometry = path.name.split("_")[2]
             lost = ~np.isnan(record["lost_at"])
             poses = np.ascontiguousarray(record["poses"], dtype=np.float64)
@@ -197,8 +197,8 @@ def cases_of(
                 family(name), field, poses, ODOMETRIES[odometry], int(lost.sum()), len(lost)
             )
             stretch = longest_bad(amap, poses, record["distance"])
-            guess = math.nan if other is None else other(amap, poses, driven.noise)
-            if other is not None and not 0.0 <= guess <= 1.0:
+            guess = math.nan if predictor is None else predictor(amap, poses, driven.noise)
+            if predictor is not None and not 0.0 <= guess <= 1.0:
                 raise SystemExit(
                     f"--forecast: {guess} for {path} is not a probability; give 0 to 1."
                 )
@@ -221,10 +221,10 @@ def longest_bad(amap: AmbiguityMap, poses: Floats, distance: Floats) -> float:
     """Return the metres of the longest stretch above `BAD`."""
     theta = poses[:, 2] if amap.has_theta else None
     bad = np.asarray(amap.sample("level", poses[:, 0], poses[:, 1], theta)) > BAD
-    longest = here = 0.0
+    longest = current = 0.0
     for step, high in zip(np.diff(distance), bad[1:], strict=True):
-        here = here + float(step) if high else 0.0
-        longest = max(longest, here)
+        current = current + float(step) if high else 0.0
+        longest = max(longest, current)
     return longest
 
 
@@ -258,9 +258,9 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
     }
     forecasts = {"forecast": fitted.left_out}
     forecasts |= {name: left_out_line(x, shares, buildings) for name, x in rivals.items()}
-    others = np.array([case.other for case in cases])
-    if np.isfinite(others).all():
-        forecasts["--forecast"] = others
+    predictions = np.array([case.other for case in cases])
+    if np.isfinite(predictions).all():
+        forecasts["--forecast"] = predictions
     rows = []
     scanners = list(dict.fromkeys(case.scanner for case in cases))
     for scanner in ["all", *scanners]:
@@ -323,9 +323,9 @@ def left_out_line(x: Floats, shares: Floats, buildings: NDArray[np.str_]) -> Flo
     names = np.unique(buildings)
     part = np.random.default_rng(SEED).permutation(np.arange(len(names)) % 5)
     for fold in range(5):
-        left = np.isin(buildings, names[part == fold])
-        line = minimize(loss, np.array([-2.0, 0.5]), (x[~left], shares[~left])).x
-        out[left] = 1.0 / (1.0 + np.exp(-(line[0] + line[1] * x[left])))
+        is_left_out = np.isin(buildings, names[part == fold])
+        line = minimize(loss, np.array([-2.0, 0.5]), (x[~is_left_out], shares[~is_left_out])).x
+        out[is_left_out] = 1.0 / (1.0 + np.exp(-(line[0] + line[1] * x[is_left_out])))
     return out
 
 

@@ -33,10 +33,10 @@ def run_case(environment: str, *options: object) -> Measured:
     print(f"measuring {environment} {' '.join(map(str, options))}", file=sys.stderr)
     script = Path(__file__).with_name("map_case.py")
     command = [sys.executable, str(script), environment, *map(str, options)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
-    if done.returncode != 0:
-        raise SystemExit(done.returncode)
-    measured: Measured = json.loads(done.stdout)
+    result = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if result.returncode != 0:
+        raise SystemExit(result.returncode)
+    measured: Measured = json.loads(result.stdout)
     return measured
 
 
@@ -54,10 +54,10 @@ def seconds_table(measured: Measured, headings: int = 1) -> str:
         ("build the map", spread(measured["build"])),
     ]
     rows += [(f"- {PART_NAMES[name]}", spread(s)) for name, s in measured["parts"].items()]
-    other = np.array(measured["build"]) - np.sum(list(measured["parts"].values()), axis=0)
-    rows.append(("- lattice, links and the rest", spread(other.tolist())))
-    both = np.array(measured["prepare"]) + np.array(measured["build"])
-    rows.append(("grid, triangulation and build", spread(both.tolist())))
+    remainder = np.array(measured["build"]) - np.sum(list(measured["parts"].values()), axis=0)
+    rows.append(("- lattice, links and the rest", spread(remainder.tolist())))
+    total = np.array(measured["prepare"]) + np.array(measured["build"])
+    rows.append(("grid, triangulation and build", spread(total.tolist())))
     return "\n\n".join(
         [
             f"{measured['segments']} segments, {measured['area']:.0f} m2 free, "

@@ -142,9 +142,9 @@ def main() -> None:
             with serving(file) as (url, _):
                 wait_until_ready(url)
                 first, page = (Page(browser, url) for _ in range(2))
-                found = edits(page, amap, args.edits, args.seed)
+                edit_seconds = edits(page, amap, args.edits, args.seed)
             about = (name, f"{area:.0f}", f"{amap.judged.counted.size:,}")
-            for kind, seconds in found.items():
+            for kind, seconds in edit_seconds.items():
                 quantiles = [f"{1000 * np.quantile(seconds, q):.0f}" for q in (0.5, 0.95, 1.0)]
                 rows.append((*about, kind, *quantiles))
             for times, visit in ((first.opened, "first"), (page.opened, "second")):

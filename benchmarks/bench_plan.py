@@ -107,8 +107,8 @@ def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -
     """Return the planner with the least median gap in each environment, and its gaps."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
-        here = [r for r in rows if r["environment"] == environment]
-        tried = {name: gaps(here, name, budget) for name in planners}
+        rows_here = [r for r in rows if r["environment"] == environment]
+        tried = {name: gaps(rows_here, name, budget) for name in planners}
         complete = {n: g[0] for n, g in tried.items() if g[2] == 0 and g[0]}
         if not complete:
             lines.append([environment, "none found all", "-", "-"])
@@ -123,13 +123,13 @@ def trade_table(rows: list[Row]) -> str:
     """Return the benefit of the weight: bad metres saved, by zone, and the extra length."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
-        here = [r for r in rows if r["environment"] == environment]
+        rows_here = [r for r in rows if r["environment"] == environment]
         counts = {"gain": 0, "halved": 0, "front": 0, "none": 0}
         bad, extra = [], []
-        shorts = [r for r in here if r["planner"] == "shortest"]
-        awares = [r for r in here if r["planner"] == "reference"]
+        shorts = [r for r in rows_here if r["planner"] == "shortest"]
+        awares = [r for r in rows_here if r["planner"] == "reference"]
         for pair in sorted({r["pair"] for r in shorts} & {r["pair"] for r in awares}):
-            mine = [r for r in here if r["pair"] == pair]
+            mine = [r for r in rows_here if r["pair"] == pair]
             short = next(r for r in mine if r["planner"] == "shortest")
             aware = next(r for r in mine if r["planner"] == "reference")
             if short["bad"] < LEAST_BAD:

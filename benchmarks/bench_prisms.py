@@ -48,8 +48,8 @@ def exactly(
             per = 1.0 / (e1 * p).sum(axis=1)
             u, q = (s * p).sum(axis=1) * per, np.cross(s, e1)
             v, t = (q * d).sum(axis=1) * per, (q * e2).sum(axis=1) * per
-            met = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0.0)
-            nearest[i] = t[met].min(initial=np.inf)
+            is_hit = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0.0)
+            nearest[i] = t[is_hit].min(initial=np.inf)
     return nearest
 
 
@@ -123,7 +123,7 @@ def measure(
     name = f"{len(prisms.walls)} walls, {len(prisms.solids)} solids"
     level = vlp16()
     fast: list[tuple[object, ...]] = []
-    apart: list[tuple[object, ...]] = []
+    range_rows: list[tuple[object, ...]] = []
     for title, rays in (
         ("level", level),
         ("tilted", level.mounted(0, 0, 0, 0, TILT, 0.05)),
@@ -131,8 +131,8 @@ def measure(
     ):
         rate_rows = rates(prisms, scene, rays, at, max_range, repeats)
         fast += [(name, title, *row) for row in rate_rows]
-        apart.append((name, title, *differences(prisms, scene, rays, at, max_range)))
-    return fast, apart
+        range_rows.append((name, title, *differences(prisms, scene, rays, at, max_range)))
+    return fast, range_rows
 
 
 def main() -> None:
@@ -146,11 +146,11 @@ def main() -> None:
         seed=option(1, "of buildings and poses"),
     )
     fast: list[tuple[object, ...]] = []
-    apart: list[tuple[object, ...]] = []
+    range_rows: list[tuple[object, ...]] = []
     for rooms in args.rooms:
-        more = measure(rooms, args.poses, args.range, args.repeats, args.seed)
-        fast += more[0]
-        apart += more[1]
+        measured = measure(rooms, args.poses, args.range, args.repeats, args.seed)
+        fast += measured[0]
+        range_rows += measured[1]
     differ = ("building", "rays", "cast", "median gap (m)", "largest (m)")
     differ += tuple(f"gap > {limit:g} m" for limit in LIMITS)
     differ += ("`Prisms` off float64 (m)", "Embree off float64 (m)")
@@ -164,7 +164,7 @@ def main() -> None:
             "How ranges differ. The last two columns: of the rays that differ by more than "
             f"{LIMITS[1]:g} m (200 at the most), how far each is at worst from every triangle "
             "tried in float64.",
-            table(differ, apart, words=2),
+            table(differ, range_rows, words=2),
         ]
     )
     report(

@@ -51,7 +51,7 @@ def main() -> None:
     chosen = arguments(
         __doc__, episodes=128, seed=3, maps=option(MAPS, nargs="*"), work=Path("out/reactive")
     )
-    names = [name for policy, others in PAIRS.items() for name in (policy, *others)]
+    names = [name for policy, rivals in PAIRS.items() for name in (policy, *rivals)]
     paths = [environment_path(name) for name in chosen.maps]
     settings = [
         candidate

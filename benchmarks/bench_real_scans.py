@@ -121,10 +121,10 @@ def direction_error(study: RealLog) -> tuple[float, int]:
     weak = (seen["major"] - seen["minor"] >= WEAK) & np.isfinite(predicted["direction"])
     if not weak.any():
         return math.nan, 0
-    apart = (
+    angle = (
         np.mod(predicted["direction"] - seen["direction"] + 0.5 * math.pi, math.pi) - 0.5 * math.pi
     )
-    return math.degrees(float(np.median(np.abs(apart[weak])))), int(weak.sum())
+    return math.degrees(float(np.median(np.abs(angle[weak])))), int(weak.sum())
 
 
 def distance_alone(study: RealLog) -> float:
@@ -144,9 +144,9 @@ def number_alone(study: RealLog) -> tuple[float, float]:
     assert np.array_equal(study.scans[order], scans)
     known, predicted = study.known["ambiguity"][order], study.predicted["ambiguity"][order]
     alone, of_prediction = spearman(-beams, known), spearman(-beams, predicted)
-    both = spearman(predicted, known)
-    left = math.sqrt((1.0 - alone * alone) * (1.0 - of_prediction * of_prediction))
-    return alone, (both - alone * of_prediction) / left
+    together = spearman(predicted, known)
+    scale = math.sqrt((1.0 - alone * alone) * (1.0 - of_prediction * of_prediction))
+    return alone, (together - alone * of_prediction) / scale
 
 
 def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
     begin = time.perf_counter()
     study = study_log(log, max_range, spacing=args.spacing, stretch=args.stretch, parts=args.parts)
     seconds = time.perf_counter() - begin
-    same, own = same_pairs(study), own_map(study)
+    same, from_map = same_pairs(study), own_map(study)
     angle, weak = direction_error(study)
     key = (label(name), far(max_range))
     first = (
@@ -167,9 +167,9 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
     predicted, seen = study.map_says["level"], study.scan_says["level"]
     good = np.isfinite(predicted)
     second = (
-        *key, own["level"].count, own["level"], own["major"], own["minor"],
+        *key, from_map["level"].count, from_map["level"], from_map["major"], from_map["minor"],
         f"{np.median(predicted[good]):.2f} / {np.median(seen[good]):.2f}",
-        f"{angle:.1f} ({weak})", own["pairs"],
+        f"{angle:.1f} ({weak})", from_map["pairs"],
     )  # fmt: skip
     missed = [
         f"{name}, {far(max_range)}: {title} {agreement}"
@@ -177,7 +177,7 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
             ("same pairs, ambiguity", same["ambiguity"]),
             ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),
-            ("map's level against the scan's", own["level"]),
+            ("map's level against the scan's", from_map["level"]),
         )
         if not agreement.value >= TARGET
     ]

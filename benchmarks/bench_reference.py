@@ -69,8 +69,8 @@ def line(rows: Sequence[Row], place: str, mode: str) -> tuple[str, ...]:
     missed = sum(miss for *_, miss in rows)
     if not len(gaps):
         return place, mode, str(missed), "", "", "", str(missed)
-    least, middle, most = gaps.min(), np.median(gaps), gaps.max()
-    return place, mode, str(len(gaps)), f"{least:.3f}", f"{middle:.3f}", f"{most:.2f}", str(missed)
+    least, middle, high = gaps.min(), np.median(gaps), gaps.max()
+    return place, mode, str(len(gaps)), f"{least:.3f}", f"{middle:.3f}", f"{high:.2f}", str(missed)
 
 
 def in_building(name: str, count: int, seed: int, iterations: int) -> list[Row]:
@@ -108,8 +108,8 @@ def in_room(rng: np.random.Generator, iterations: int) -> list[Row]:
     }
     cost = an.AmbiguityService(amap, weight=float(rng.choice([0.0, 5.0])))
     rows = []
-    for mode, kept in options.items():
-        robot = RoutePlanner(cost, footprint=radius, **kept)
+    for mode, options_of_mode in options.items():
+        robot = RoutePlanner(cost, footprint=radius, **options_of_mode)
         for _ in range(60):
             low, high = [0.3, 0.3, 0.0], [SIZE[0] - 0.3, SIZE[1] - 0.3, 0.0]
             start, goal = rng.uniform(low, high, (2, 3))

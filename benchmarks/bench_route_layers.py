@@ -187,7 +187,7 @@ def route_cells(rows: Sequence[Row]) -> list[object]:
         ", ".join(f"{of(rows, route, figure).mean():.1f}" for route in ROUTES)
         for figure in ("corridor", "longest_corridor", "open", "longest_open")
     ]
-    return [len(rows), *[f"{more:+.1f} %" for more in longer], *metres]
+    return [len(rows), *[f"{longer_by:+.1f} %" for longer_by in longer], *metres]
 
 
 HEADER = (

@@ -121,7 +121,7 @@ def main() -> None:
     summary = args.summary.read_text(encoding="utf-8")
     with ProcessPoolExecutor(args.jobs) as pool:
         todo = [pool.submit(driven, name, args) for name in args.environments]
-        rows = [row for done in todo for row in done.result()]
+        rows = [row for job in todo for row in job.result()]
     report(
         "The sonar ring, one thing at a time",
         ["numpy", "numba"],

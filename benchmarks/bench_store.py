@@ -55,9 +55,9 @@ def row(
     (file,) = folder.glob("*.map")
     opens = []
     for _ in range(REPEATS):
-        seconds, again = timed(lambda: take(store))
+        seconds, reopened = timed(lambda: take(store))
         opens.append(1e3 * seconds)
-    if not again.dataset.identical(amap.dataset):
+    if not reopened.dataset.identical(amap.dataset):
         raise SystemExit(f"{env.name}: the map that was opened is another")
     amap.save(folder / "map.zarr")
     zarr = [1e3 * timed(lambda: AmbiguityMap.open(folder / "map.zarr"))[0] for _ in range(REPEATS)]
@@ -144,7 +144,7 @@ def _sources() -> list[float]:
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         for _ in range(REPEATS)
     )
-    return [float(done.stdout) for done in runs]
+    return [float(run.stdout) for run in runs]
 
 
 if __name__ == "__main__":

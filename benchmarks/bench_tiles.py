@@ -64,17 +64,17 @@ def case(name: str, workers: int, tile: float) -> None:
     watch = Watch()
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
-        done = run_plan(plan, f"{folder}/a.zarr", workers=workers, progress=watch)
+        built = run_plan(plan, f"{folder}/a.zarr", workers=workers, progress=watch)
         seconds = time.perf_counter() - begun
         stored = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
         free = AmbiguityMap.open(f"{folder}/a.zarr", lazy=True).dataset["free"]
         before = int(free[: plan.cells, : plan.cells].sum())
     # Without the start of the workers and the tiles made until then.
-    counted = done.poses - before
+    counted = built.poses - before
     print(
         json.dumps(
             {
-                "poses": done.poses, "tiles": done.tiles, "seconds": seconds, "loaded": loaded,
+                "poses": built.poses, "tiles": built.tiles, "seconds": seconds, "loaded": loaded,
                 "wall": (watch.last - watch.first) * workers / counted,
                 "cpu": (watch.used - watch.used_first) / counted,
                 "sent": sent, "cut": cut, "stored": stored,
@@ -120,17 +120,17 @@ def run_case(name: str, workers: int, tile: float) -> dict[str, Any]:
     """Run `case` in a new process, and return what it measured."""
     print(f"measuring {name}, {workers} workers", file=sys.stderr)
     command = [sys.executable, __file__, "--case", name, str(workers), str(tile)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    measured: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    result = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    measured: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
     return measured
 
 
 def measure(tile: float, repeats: int, out: Path | None) -> None:
     """Time both maps on one worker, and the large one on two."""
-    wanted = [(SMALL, 1), (LARGE, 1), (LARGE, 2)]
-    by_case: dict[tuple[str, int], list[dict[str, Any]]] = {case_key: [] for case_key in wanted}
+    cases = [(SMALL, 1), (LARGE, 1), (LARGE, 2)]
+    by_case: dict[tuple[str, int], list[dict[str, Any]]] = {case_key: [] for case_key in cases}
     for _ in range(repeats):
-        for case_key in wanted:
+        for case_key in cases:
             by_case[case_key].append(run_case(*case_key, tile))
     rows = []
     for (name, workers), runs in by_case.items():
@@ -139,7 +139,7 @@ def measure(tile: float, repeats: int, out: Path | None) -> None:
             [
                 name, workers, case_key["poses"], case_key["tiles"],
                 spread([run["seconds"] for run in runs], 1),
-                *(spread([1e6 * run[what] for run in runs], 1) for what in ("wall", "cpu")),
+                *(spread([1e6 * run[clock] for run in runs], 1) for clock in ("wall", "cpu")),
                 *(f"{max(run[who] for run in runs) / 2**30:.2f}" for who in ("giver", "worker")),
                 f"{np.mean(case_key['sent']) / 1e3:.1f} ({max(case_key['sent']) / 1e3:.1f})",
                 f"{1e3 * case_key['cut']:.1f}", f"{case_key['stored'] / 1e6:.0f}",

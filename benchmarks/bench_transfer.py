@@ -81,12 +81,12 @@ def section(title: str, episodes: Mapping[str, Episodes], policy: str, seed: int
     rows = make_rows(title, episodes, None, seed)
     figures = figures_table(rows)
     lines = []
-    for other in episodes:
-        if other != policy:
-            pair = {name: episodes[name] for name in (other, policy)}
-            row = make_rows(title, pair, other, seed)[-1]
+    for rival in episodes:
+        if rival != policy:
+            pair = {name: episodes[name] for name in (rival, policy)}
+            row = make_rows(title, pair, rival, seed)[-1]
             lines.append(
-                (f"less {other}", *(difference_text(row[key], bold=True) for key in COMPARED))
+                (f"less {rival}", *(difference_text(row[key], bold=True) for key in COMPARED))
             )
     differences = table((f"{policy}, paired", *titles(COMPARED, rows[0])), lines)
     return f"## {title}, {rows[0].episodes} episodes\n\n{figures}\n\n{differences}"
@@ -112,7 +112,7 @@ def main() -> None:
     )
     chosen.work.mkdir(parents=True, exist_ok=True)
     drivers = methods(chosen.policy)
-    own = drivers[0].name
+    own_name = drivers[0].name
     settings = [
         candidate
         for candidate in settings_for([environment_path(name) for name in chosen.maps], 1, ["hall"])
@@ -131,7 +131,7 @@ def main() -> None:
             for name, episodes in driven.items():
                 parts[name if name in JUDGED else f"{name} (choices were made here)"] = episodes
         sections += [
-            section(f"{name}, {title}", episodes, own, chosen.seed)
+            section(f"{name}, {title}", episodes, own_name, chosen.seed)
             for name, episodes in parts.items()
         ]
     head = (

@@ -211,29 +211,29 @@ def layers_of(
     by_place = {_at(place): {"x": place["x"], "y": place["y"]} for place in places}
     path = args.folder / f"{'_'.join(case)}_{'-'.join(args.layers)}_layers.jsonl"
     key = code_digest()
-    known = {_at(row): row for row in kept_rows(path) if row["code"] == key}
-    if by_place.keys() - known.keys():
+    row_by_place = {_at(row): row for row in kept_rows(path) if row["code"] == key}
+    if by_place.keys() - row_by_place.keys():
         script = str(Path(__file__).with_name("truth_layers.py"))
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, script, *case, "--layers", *args.layers],
             input="\n".join(json.dumps(place) for place in by_place.values()),
             capture_output=True, text=True, check=False,
         )  # fmt: skip
-        if done.returncode:
-            raise SystemExit(f"truth_layers.py {' '.join(case)}: {done.stderr}")
-        rows = [{**json.loads(line), "code": key} for line in done.stdout.splitlines()]
+        if result.returncode:
+            raise SystemExit(f"truth_layers.py {' '.join(case)}: {result.stderr}")
+        rows = [{**json.loads(line), "code": key} for line in result.stdout.splitlines()]
         with replacing(path) as fresh:
             fresh.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-        known = {_at(row): row for row in rows}
+        row_by_place = {_at(row): row for row in rows}
         print(f"layers: {' '.join(case)}", file=sys.stderr, flush=True)
-    return known
+    return row_by_place
 
 
 def _at(place: Place) -> tuple[float, float]:
     return place["x"], place["y"]
 
 
-def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) -> None:
+def pictures(moments: dict[str, Found], unknown: bool, folder: Path, suffix: str) -> None:
     """Plot the scores of the layers, and the radius against the error, for one localizer."""
     folder.mkdir(parents=True, exist_ok=True)
     places_by_case = next(iter(moments.values()))
@@ -246,14 +246,14 @@ def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) 
         for when, places in moments.items()
     }
     if unknown:
-        scores_picture(list(LAYERS), scores, None, folder / f"truth-unknown{more}.png")
+        scores_picture(list(LAYERS), scores, None, folder / f"truth-unknown{suffix}.png")
     else:
-        scores_picture(list(LAYERS), scores, GOAL, folder / f"truth-scores{more}.png")
-        both = {}
+        scores_picture(list(LAYERS), scores, GOAL, folder / f"truth-scores{suffix}.png")
+        radii = {}
         for scanner in scanners:
             places = [place for group in places_of(places_by_case, scanner) for place in group]
-            both[scanner] = column(places, RADIUS), column(places, "error")
-        radius_picture(both, "predicted radius", BAD, folder / f"truth-radius{more}.png")
+            radii[scanner] = column(places, RADIUS), column(places, "error")
+        radius_picture(radii, "predicted radius", BAD, folder / f"truth-radius{suffix}.png")
 
 
 if __name__ == "__main__":

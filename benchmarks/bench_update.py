@@ -81,11 +81,11 @@ def random_posts(env: an.Environment, count: int, rng: np.random.Generator) -> l
     return posts
 
 
-def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
+def difference(first: an.AmbiguityMap, second: an.AmbiguityMap) -> float:
     """Return the greatest difference in any variable; inf where only one map has a value."""
     worst = 0.0
     for name, values in first.dataset.variables.items():
-        a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, other.dataset[name]))
+        a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, second.dataset[name]))
         if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
             return math.inf
         worst = max(worst, float(np.nan_to_num(np.abs(a - b)).max(initial=0.0)))
@@ -133,7 +133,7 @@ def rows_of(
         seconds = np.empty((args.repeats, 2, 2))
         for row in seconds:
             after, *row[0] = timed(functools.partial(opened(first).update, changed()))
-            whole, *row[1] = timed(functools.partial(an.build_map, changed(), scanner, store=False))
+            fresh, *row[1] = timed(functools.partial(an.build_map, changed(), scanner, store=False))
         update, build = seconds.min(axis=0)
         # A wall that is moved may leave a lattice of another extent.
         levels = xr.align(*(amap.floor("level") for amap in (first, after)), join="outer")
@@ -145,7 +145,7 @@ def rows_of(
             (
                 place, name, title, f"{moved / cells:.1%}",
                 *(f"{value:.2f}" for value in (*update, *build)),
-                f"{clock:.3f}", f"{processor:.3f}", f"{difference(after, whole):.1e}",
+                f"{clock:.3f}", f"{processor:.3f}", f"{difference(after, fresh):.1e}",
             )
         )  # fmt: skip
     reach = f"{scanner.max_range:g} m, {first.dataset.sizes.get('theta', 1)}"
@@ -188,9 +188,9 @@ def main() -> None:
     lines: list[tuple[object, ...]] = []
     for place in args.maps:
         for name in args.scanners:
-            summary_rows, more = rows_of(place, name, args)
+            summary_rows, place_lines = rows_of(place, name, args)
             summary += summary_rows
-            lines += more
+            lines += place_lines
     header = ("map", "scanner", "range, headings", "seconds", "update by build", "all changes")
     every = (
         "map", "scanner", "change", "cells whose level moves", "update, s", "processor, s",

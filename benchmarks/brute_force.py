@@ -73,16 +73,16 @@ def radii(
     pieces, _ = ndimage.label(free, structure=np.ones((3, 3)))
     near = free & (pieces == pieces[half, half])
     dx, dy = dx[near], dy[near]
-    here, hidden = _scan(env, scanner, np.array([x]), np.array([y]), 0.0)
+    scan, hidden = _scan(env, scanner, np.array([x]), np.array([y]), 0.0)
     turns = sigma_theta * np.linspace(-WIDEST, WIDEST, headings)
     weights = np.exp(-0.5 * (turns / sigma_theta) ** 2)
     alike = np.zeros(len(dx))
     sensor = scanner.sensors[0]
     cap = -math.log(outlier_share + sensor.random_share + sensor.lost_share)
     for turn, weight in zip(turns, weights / weights.sum(), strict=True):
-        there, unknown = _scan(env, scanner, x + dx, y + dy, turn)
-        pooled = (_variance(scanner, here, map_std) + _variance(scanner, there, map_std)) / 2
-        evidence = np.where(hidden | unknown, 0.0, (there - here) ** 2 / (4 * pooled))
+        neighbour, unknown = _scan(env, scanner, x + dx, y + dy, turn)
+        pooled = (_variance(scanner, scan, map_std) + _variance(scanner, neighbour, map_std)) / 2
+        evidence = np.where(hidden | unknown, 0.0, (neighbour - scan) ** 2 / (4 * pooled))
         evidence /= np.sqrt(1 + (evidence / cap) ** 2)
         alike += weight * np.exp(-evidence.sum(axis=1) / tau)
     M = _moment(dx, dy, alike / alike.sum())

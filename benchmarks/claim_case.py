@@ -113,8 +113,8 @@ def plan(
     for number, (start, goal) in enumerate(drawn[done:], start=done):
         shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
         aware = ambiguity_aware(robot, start, goal, shortest)
-        both = {"shortest": figures(shortest), "aware": figures(aware)}
-        append({"pair": number, **both})
+        routes = {"shortest": figures(shortest), "aware": figures(aware)}
+        append({"pair": number, **routes})
 
 
 def figures(route: Route) -> Row:
@@ -130,9 +130,9 @@ def chosen(planned: list[Row], offered: int, others: int) -> list[Row]:
     """
     offers, not_offered = [], []
     for row in planned:
-        bad, left = (row[name]["bad"] for name in ROUTES)
+        bad, difference = (row[name]["bad"] for name in ROUTES)
         if is_offered(row):
-            offers.append((left - bad, row["pair"], row))
+            offers.append((difference - bad, row["pair"], row))
         else:
             not_offered.append((-bad, row["pair"], row))
     offers.sort(key=lambda pair: pair[:2])
@@ -155,12 +155,12 @@ def drive_all(
     append: RowWriter,
 ) -> None:
     """Run the missing drives of the chosen pairs, with each odometry."""
-    done = {(row["pair"], row["odometry"]) for row in kept}
+    finished = {(row["pair"], row["odometry"]) for row in kept}
     pending = [
         (row, scale)
         for scale in args.odometry
         for row in chosen(planned, args.offered, args.others)
-        if (row["pair"], scale) not in done
+        if (row["pair"], scale) not in finished
     ]
     if not pending:
         return

@@ -57,8 +57,8 @@ def resampled(pairs: Sequence[Pair], name: str, kind: str) -> tuple[float, ...]:
     ours, theirs = of(pairs, "aware", name), of(pairs, "shortest", name)
     if kind == "difference":
         pair = np.repeat(np.arange(len(ours)), ours.shape[1])
-        apart = paired_share(ours.ravel(), theirs.ravel(), group=pair)
-        return apart.value, apart.low, apart.high
+        difference = paired_share(ours.ravel(), theirs.ravel(), group=pair)
+        return difference.value, difference.low, difference.high
     rng = np.random.default_rng(5)
     count, runs = ours.shape
     rows = rng.integers(count, size=(DRAWS, count, 1))
@@ -81,13 +81,13 @@ def gains_apart(first: Sequence[Pair], second: Sequence[Pair]) -> tuple[float, .
         ordered = sorted(pairs, key=lambda pair: [str(pair[name]) for name in SAME])
         return of(ordered, "aware", "lost") - of(ordered, "shortest", "lost")
 
-    apart = change(first) - change(second)
+    difference = change(first) - change(second)
     rng = np.random.default_rng(5)
-    count, runs = apart.shape
+    count, runs = difference.shape
     rows = rng.integers(count, size=(DRAWS, count, 1))
     columns = rng.integers(runs, size=(DRAWS, count, runs))
-    low, high = np.quantile(apart[rows, columns].mean(axis=(1, 2)), (0.025, 0.975))
-    return float(apart.mean()), float(low), float(high)
+    low, high = np.quantile(difference[rows, columns].mean(axis=(1, 2)), (0.025, 0.975))
+    return float(difference.mean()), float(low), float(high)
 
 
 def span(values: tuple[float, ...], digits: int = 2, sign: str = "") -> str:

@@ -71,14 +71,14 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
     maps = httpx.get(f"{url}/v1/maps", timeout=60).json()["maps"]
     map_id = str(maps[seed % len(maps)]["id"])
     for operation, share in zip(operations, shares, strict=True):
-        known = {"id": map_id} if "/maps/{id}" in operation.path else {}
-        known |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
+        values = {"id": map_id} if "/maps/{id}" in operation.path else {}
+        values |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
         each = cases * share / sum(shares) / 2
         for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
-            _ask(operation, mode, known, max(round(each * KNOWN_SHARE), 1), seed, counts)
+            _ask(operation, mode, values, max(round(each * KNOWN_SHARE), 1), seed, counts)
             # Few cases leave none: to make requests of a kind takes longer than to send a few.
-            if others := round(each * (1.0 - KNOWN_SHARE)):
-                _ask(operation, mode, {}, others, seed, counts)
+            if unknown_count := round(each * (1.0 - KNOWN_SHARE)):
+                _ask(operation, mode, {}, unknown_count, seed, counts)
 
 
 def _ask(

@@ -181,8 +181,8 @@ def parser_of(about: str | None, **options: Any) -> argparse.ArgumentParser:
     """
     parser = argparse.ArgumentParser(description=(about or "").partition("\n")[0])
     report_file = option(None, "store the report in this Markdown file too", type=Path)
-    for name, given in {"out": report_file, **options}.items():
-        how = dict(given) if isinstance(given, dict) else {"default": given}
+    for name, setting in {"out": report_file, **options}.items():
+        how = dict(setting) if isinstance(setting, dict) else {"default": setting}
         default = how["default"]
         if default is False:
             how.setdefault("action", "store_true")
@@ -235,8 +235,8 @@ def commit() -> str:
     """Return the commit of the checkout, and whether it has uncommitted changes."""
 
     def git(*arguments: str) -> str:
-        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
-        return done.stdout.strip() if done.returncode == 0 else ""
+        result = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+        return result.stdout.strip() if result.returncode == 0 else ""
 
     head = git("rev-parse", "--short=12", "HEAD")
     if not head:
@@ -299,11 +299,11 @@ def kept_or_made(
 def run_script(*words: str) -> None:
     """Run a script of this folder in a separate process; exit with its error if it fails."""
     script = Path(__file__).with_name(words[0])
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, str(script), *words[1:]], stderr=subprocess.PIPE, text=True, check=False
     )
-    if done.returncode:
-        raise SystemExit(f"{' '.join(words)}: {done.stderr}")
+    if result.returncode:
+        raise SystemExit(f"{' '.join(words)}: {result.stderr}")
 
 
 def in_all(

@@ -106,7 +106,7 @@ def circles(graph: Graph) -> list[list[str]]:
     """Return the import cycles: sets of modules (or rooms) that reach each other."""
     reached = {name: _reached(graph, name) for name in graph}
     sets = {
-        frozenset({name} | {other for other in reached[name] if name in reached.get(other, ())})
+        frozenset({name} | {target for target in reached[name] if name in reached.get(target, ())})
         for name in graph
     }
     return sorted(sorted(members) for members in sets if len(members) > 1)
@@ -117,10 +117,10 @@ def _reached(graph: Graph, name: str) -> set[str]:
     reached: set[str] = set()
     todo = list(graph[name])
     while todo:
-        other = todo.pop()
-        if other not in reached:
-            reached.add(other)
-            todo.extend(graph.get(other, ()))
+        module = todo.pop()
+        if module not in reached:
+            reached.add(module)
+            todo.extend(graph.get(module, ()))
     return reached
 
 

@@ -100,7 +100,7 @@ class Confirmed:
         if names[: len(self.steps)] != self.steps or len(names) > len(self.steps) + 1:
             self.wrong.append(f"{len(self.steps)} steps were confirmed, {len(names)} are known")
         self.steps = names
-        left = 0
+        running = 0
         # Of more results than these the oldest are dropped.
         newest = {
             place
@@ -119,8 +119,8 @@ class Confirmed:
             if before["state"] in ENDED and content != before:
                 self.wrong.append(f"{place}: {before['state']}, and now another answer")
             self.jobs[place] = content
-            left += content["state"] not in ENDED
-        return left
+            running += content["state"] not in ENDED
+        return running
 
 
 def main() -> None:
@@ -132,11 +132,11 @@ def main() -> None:
         for number in range(args.kills + 1):
             with serving(path, state=scratch / "state") as (url, server):
                 with httpx.Client(base_url=url, timeout=120.0) as http:
-                    left = kept.check(http)
+                    running = kept.check(http)
                     if number == args.kills:
-                        while left:
+                        while running:
                             time.sleep(1.0)
-                            left = kept.check(http)
+                            running = kept.check(http)
                         break
                 end = threading.Event()
                 threads = [

@@ -152,8 +152,8 @@ class Worker:
         os.close(write)
         self.lines = open(read, "rb", buffering=0)  # noqa: SIM115
         self.heard = time.monotonic()
-        self.taken = 0
-        self.rest = b""
+        self.maps_taken = 0
+        self.partial = b""
 
     def hear(self, outcome: Outcome) -> None:
         """Read its output so far."""
@@ -162,7 +162,7 @@ class Worker:
             if not data:
                 return
             self.heard = time.monotonic()
-            *lines, self.rest = (self.rest + data).split(b"\n")
+            *lines, self.partial = (self.partial + data).split(b"\n")
             for line in lines:
                 kind, _, text = line.decode().partition(" ")
                 if kind == "warned":
@@ -171,7 +171,7 @@ class Worker:
                     outcome.other.append(text)
                 else:
                     outcome.taken[kind] += 1
-                    self.taken += 1
+                    self.maps_taken += 1
 
     def end(self, number: int, outcome: Outcome) -> None:
         """Send it a signal, and wait for its end."""
@@ -278,17 +278,17 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
     store = MapStore(folder, LIMIT)
     outcome.damaged += [f"{entry.key}: {why}" for entry, why in upkeep.verify(store) if why]
     outcome.damaged += [path.name for path in folder.glob("*.damaged")]
-    outcome.left_before = _left(folder)
+    outcome.left_before = _leftovers(folder)
     store.make_room(LIMIT)
-    outcome.left = _left(folder)
+    outcome.left = _leftovers(folder)
     outcome.seconds = time.monotonic() - start
     return outcome
 
 
 def _until_all_took(workers: Sequence[Worker], outcome: Outcome, count: int) -> None:
     """Wait until each process has taken a number of further maps; raise as `_listen` does."""
-    goal = [worker.taken + count for worker in workers]
-    while any(worker.taken < wanted for worker, wanted in zip(workers, goal, strict=True)):
+    goal = [worker.maps_taken + count for worker in workers]
+    while any(worker.maps_taken < maps for worker, maps in zip(workers, goal, strict=True)):
         _listen(workers, outcome, 0.01)
 
 
@@ -299,8 +299,8 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
         TimeoutError: one has written nothing for `STANDSTILL`.
     """
     until = time.monotonic() + seconds
-    while (left := until - time.monotonic()) > 0.0:
-        select.select([worker.lines for worker in workers], [], [], left)
+    while (remaining := until - time.monotonic()) > 0.0:
+        select.select([worker.lines for worker in workers], [], [], remaining)
         for worker in workers:
             worker.hear(outcome)
             if time.monotonic() - worker.heard > STANDSTILL:
@@ -310,19 +310,19 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
 KEPT = (".map", ".TAG")
 
 
-def _left(folder: Path) -> list[str]:
+def _leftovers(folder: Path) -> list[str]:
     """Return locks and half-written files."""
     return sorted(path.name for path in folder.glob("*") if path.suffix not in KEPT)
 
 
 def text(outcome: Outcome, seed: int) -> str:
     """Return the report."""
-    taken = outcome.taken
+    counts = outcome.taken
     rows = [
         ("processes killed", outcome.kills),
         *((f"- while {phase}", outcome.killed_while[phase]) for phase in PHASES),
-        ("maps taken", sum(taken.values())),
-        *((f"- {kind}", taken[kind]) for kind in ("opened", "built")),
+        ("maps taken", sum(counts.values())),
+        *((f"- {kind}", counts[kind]) for kind in ("opened", "built")),
         ("maps that were not bit for bit what they should be", len(outcome.other)),
         ("entries damaged, or set aside", len(outcome.damaged)),
         ("warnings", len(outcome.warned)),

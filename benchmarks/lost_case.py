@@ -174,11 +174,11 @@ def driven(
     lost_at = np.where(np.isnan(lost_after), np.nan, travelled[np.arange(RUNS), step])
     poses = scheduled(route.poses, route.steering, ROBOT, SPEED, drives.time[1])
     steps = np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2])
-    kept = slice(0, None, EVERY)
+    every = slice(0, None, EVERY)
     return {
-        "poses": poses[kept],
-        "distance": np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))[kept],
-        "error": drives.errors()[:, kept].astype(np.float32),
+        "poses": poses[every],
+        "distance": np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))[every],
+        "error": drives.errors()[:, every].astype(np.float32),
         "lost_at": lost_at,
     }
 

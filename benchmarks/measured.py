@@ -180,11 +180,11 @@ def misses(answers: str | None = None) -> list[str]:
         answers: The text of docs/measured.md; None: as it is.
     """
     answers = ANSWERS.read_text(encoding="utf-8") if answers is None else answers
-    known = {(f"{figure.value} {figure.unit}".strip(), figure.spread) for figure in figures()}
+    published = {(f"{figure.value} {figure.unit}".strip(), figure.spread) for figure in figures()}
     sentences = [
         f"{ANSWERS.name}: '{value} ({spread})' is not a figure of {PAGE.name}"
         for value, spread in STATED.findall(" ".join(answers.split()))
-        if (value, spread) not in known
+        if (value, spread) not in published
     ]
     if PAGE.read_text(encoding="utf-8") != page():
         sentences.append(f"{PAGE.name} is not what the reports give; run measured.py")

@@ -70,10 +70,10 @@ def main() -> None:
     draw_limits(known)
 
 
-def draw_planners(known: Sequence[Figure]) -> None:
+def draw_planners(published: Sequence[Figure]) -> None:
     """Draw how much more than the reference's the routes of each planner cost."""
     median, worst = (
-        chosen(known, f"cost above the reference, {part}", "") for part in ("median", "worst")
+        chosen(published, f"cost above the reference, {part}", "") for part in ("median", "worst")
     )
     axes = axes_of([f for f in median if "; 1 s;" in f.conditions], height=3.3)
     for k, seconds in enumerate(("1 s", "5 s")):
@@ -100,7 +100,7 @@ def draw_planners(known: Sequence[Figure]) -> None:
     save(axes, "planner")
 
 
-def draw_limits(known: Sequence[Figure]) -> None:
+def draw_limits(published: Sequence[Figure]) -> None:
     """Draw for how many pairs of places in each building a better route exists."""
     kinds = {
         "weight 5 halves the bad metres": "pairs whose bad metres weight 5 halves",
@@ -108,8 +108,8 @@ def draw_limits(known: Sequence[Figure]) -> None:
         "no weight does": "pairs for which no weight does",
     }
     parts = [
-        [f for f in chosen(known, what, "") if not f.conditions.endswith("all")]
-        for what in kinds.values()
+        [f for f in chosen(published, quantity, "") if not f.conditions.endswith("all")]
+        for quantity in kinds.values()
     ]
     axes = axes_of(parts[0], height=2.5)
     left = [0.0] * len(parts[0])
@@ -129,14 +129,14 @@ def draw_limits(known: Sequence[Figure]) -> None:
     save(axes, "limits")
 
 
-def chosen(known: Sequence[Figure], what: str, conditions: str) -> list[Figure]:
+def chosen(published: Sequence[Figure], quantity: str, conditions: str) -> list[Figure]:
     """Return the figures of a quantity under some conditions."""
-    return [f for f in known if f.what.startswith(what) and conditions in f.conditions]
+    return [f for f in published if f.what.startswith(quantity) and conditions in f.conditions]
 
 
-def ending(known: Sequence[Figure], condition: str) -> list[Figure]:
+def ending(published: Sequence[Figure], condition: str) -> list[Figure]:
     """Return the figures whose last condition is this one."""
-    return [f for f in known if f.conditions.endswith(f"; {condition}")]
+    return [f for f in published if f.conditions.endswith(f"; {condition}")]
 
 
 def axes_of(rows: Sequence[Figure], *, height: float, last: int = 0) -> Axes:

@@ -42,8 +42,8 @@ def main() -> None:
     args = parser.parse_args()
     path = plans_path(args.folder, args.environment, args)
     with appended(path) as append:
-        done = {(row["pair"], row["planner"], row["budget"]) for row in kept_rows(path)}
-        pending = [job for job in jobs(args) if job not in done]
+        finished = {(row["pair"], row["planner"], row["budget"]) for row in kept_rows(path)}
+        pending = [job for job in jobs(args) if job not in finished]
         if not pending:
             return
         robot = RoutePlanner(service(args.environment), footprint=RADIUS)
@@ -98,12 +98,12 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> list[tuple[Any, Any]]:
     rows, columns = np.nonzero((lattice.cell >= 0) & ~robot.service.map.unexplored)
     nodes = lattice.cell[rows, columns]
     places = lattice.graph.poses[nodes[parts[nodes] == largest]]
-    apart = min(LEAST_APART, 0.5 * float(np.hypot(*np.ptp(places[:, :2], axis=0))))
+    min_distance = min(LEAST_APART, 0.5 * float(np.hypot(*np.ptp(places[:, :2], axis=0))))
     rng = np.random.default_rng(seed)
     chosen: list[tuple[Any, Any]] = []
     while len(chosen) < count:
         start, goal = places[rng.integers(len(places), size=2)]
-        if np.hypot(*(goal - start)[:2]) >= apart:
+        if np.hypot(*(goal - start)[:2]) >= min_distance:
             chosen.append((start, goal))
     return chosen
 

@@ -93,13 +93,13 @@ def pair_of(
                 "exposure": route.exposure, "lost": lost,
             }
         )  # fmt: skip
-    kept, began = True, time.perf_counter()
+    is_kept, began = True, time.perf_counter()
     try:
         promise = route_within(
             planner, *ends, forecaster, MAX_LOST, runner=runner, rng=rng_of(name, k, "drives")
         )
     except PromiseError as error:
-        kept, promise = False, error.best
+        is_kept, promise = False, error.best
     assert promise.driven is not None
     seconds = time.perf_counter() - began
     return {
@@ -107,7 +107,7 @@ def pair_of(
         "odometry": odometry,
         "area": mapped.free.area,
         "candidates": candidates,
-        "kept": kept,
+        "kept": is_kept,
         "seconds": seconds,
         "length": promise.route.length,
         "weight": promise.route.weight,
@@ -118,10 +118,10 @@ def pair_of(
         "fresh_lost": halves(runner, promise.route, rng_of(name, k, "fresh")),
         **{
             f"{which}_{where}": in_closed_loop(
-                mapped, there, route, scanner, forecaster, (name, k, which)
+                mapped, drive_map, route, scanner, forecaster, (name, k, which)
             )
             for which, route in zip(ROUTES, (promise.route, front[0]), strict=True)
-            for where, there in (("map", mapped), ("aged", world))
+            for where, drive_map in (("map", mapped), ("aged", world))
         },
     }
 

@@ -105,8 +105,8 @@ def hazard_ratio(rows: Sequence[Row]) -> Interval:
 def per_metre(rows: Sequence[Row], name: str, weights: Floats, kind: Any) -> Floats:
     """Return how many robots lose themselves in a metre of some kind of floor, shape (D,)."""
     metres, onsets = (
-        np.array([np.sum(np.array(row[f"{name}_{what}"])[kind]) for row in rows])
-        for what in ("metres", "onsets")
+        np.array([np.sum(np.array(row[f"{name}_{quantity}"])[kind]) for row in rows])
+        for quantity in ("metres", "onsets")
     )
     return np.asarray((weights @ onsets) / (weights @ metres))
 

@@ -105,8 +105,8 @@ def drive_all(
     append: RowWriter,
 ) -> None:
     """Run the missing drives of the pairs."""
-    done = {row["pair"] for row in kept}
-    pending = [row for row in planned if row["pair"] not in done]
+    finished = {row["pair"] for row in kept}
+    pending = [row for row in planned if row["pair"] not in finished]
     if not pending:
         return
     service = AmbiguityService(

@@ -80,11 +80,11 @@ class Load:
     def json(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request levels in JSON, at times with a weight."""
         x, y = (part.tolist() for part in poses(self.amap, 500, rng))
-        what = {"x": x, "y": y}
+        body = {"x": x, "y": y}
         if rng.random() < 0.5:
-            return expected(http.post(f"{MAP}/level", json=what), 200)
+            return expected(http.post(f"{MAP}/level", json=body), 200)
         return expected(
-            http.post(f"{MAP}/cost", json=what | {"weight": float(rng.integers(9))}), 200
+            http.post(f"{MAP}/cost", json=body | {"weight": float(rng.integers(9))}), 200
         )
 
     def place(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
@@ -100,8 +100,8 @@ class Load:
 
     def whole(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request something of the whole map."""
-        what = rng.choice(["zones.geojson", "walls.geojson", "worst", "direction", "map.npz", ""])
-        return expected(http.get(f"{MAP}/{what}".rstrip("/")), 200)
+        name = rng.choice(["zones.geojson", "walls.geojson", "worst", "direction", "map.npz", ""])
+        return expected(http.get(f"{MAP}/{name}".rstrip("/")), 200)
 
     def plan(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a route; there may be none."""

@@ -92,13 +92,13 @@ def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None
 def run(path: Path, seconds: float) -> None:
     """Add rows to a file, in random order, until the time is over."""
     warnings.simplefilter("ignore")
-    done = {(row["map"], row["scanner"]) for row in kept_rows(path)}
+    finished = {(row["map"], row["scanner"]) for row in kept_rows(path)}
     environments = dict(buildings())
     pairs = [(name, preset) for name in environments for preset in preset_names()]
     end = time.monotonic() + seconds
     for at in np.random.default_rng(0).permutation(len(pairs)):
         name, preset = pairs[at]
-        if (name, preset) in done:
+        if (name, preset) in finished:
             continue
         if time.monotonic() > end:
             break
@@ -118,7 +118,7 @@ def text(rows: list[dict[str, Any]]) -> str:
     )
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
-    held = [is_held for row in decided for is_held in row.get("held", ())]
+    is_held_list = [is_held for row in decided for is_held in row.get("held", ())]
     seconds = np.median([row["seconds"] for row in advised])
     figures = [
         ("buildings", f"{len({row['map'] for row in decided})}"),
@@ -137,7 +137,7 @@ def text(rows: list[dict[str, Any]]) -> str:
         ("the same, least", f"{ratio.min():.2f}"),
         ("first advice has 0.8 of it or more", f"{share(ratio >= 0.8)}"),
         ("first advice removes less than a tenth, in full", f"{share(useless)}"),
-        ("95 % intervals that hold the figure in full", f"{share(held)}"),
+        ("95 % intervals that hold the figure in full", f"{share(is_held_list)}"),
         ("processor time where there is advice, s, median", f"{seconds:.2f}"),
     ]
     worst = sorted(zip(ratio.tolist(), advised, strict=True), key=lambda pair: pair[0])[:10]

@@ -176,8 +176,8 @@ def on_maps(folder: Path, preset: str) -> None:
     if path.is_file():
         return
     scanner = RangeScanner.from_preset(preset)
-    both = samples_of(CHOSEN_ON, scanner)
-    chosen_on, checks = [pair[0] for pair in both], [pair[1] for pair in both]
+    sample_pairs = samples_of(CHOSEN_ON, scanner)
+    chosen_on, checks = [pair[0] for pair in sample_pairs], [pair[1] for pair in sample_pairs]
     rng = np.random.default_rng(SEED)
     begun = time.perf_counter()
     choice = choose(scanner, chosen_on, checks, LIMIT, rng)
@@ -185,14 +185,14 @@ def on_maps(folder: Path, preset: str) -> None:
     begun = time.perf_counter()
     greedy = next(itertools.islice(grow(chosen_on, rng), QUARTER - 1, None))
     quarter_seconds = time.perf_counter() - begun
-    held = [pair[0] for pair in samples_of(HELD_OUT, scanner)]
+    held_out = [pair[0] for pair in samples_of(HELD_OUT, scanner)]
     curves = {
-        "greedy": [[n, *worst(checks, greedy[:n]), *worst(held, greedy[:n])] for n in SIZES],
+        "greedy": [[n, *worst(checks, greedy[:n]), *worst(held_out, greedy[:n])] for n in SIZES],
         "even": [
-            [n, *worst(checks, even(scanner, n)), *worst(held, even(scanner, n))] for n in SIZES
+            [n, *worst(checks, even(scanner, n)), *worst(held_out, even(scanner, n))] for n in SIZES
         ],
     }
-    drawn = [[worst(held, at_random(scanner, n, rng))[0] for _ in range(DRAWN)] for n in SIZES]
+    drawn = [[worst(held_out, at_random(scanner, n, rng))[0] for _ in range(DRAWN)] for n in SIZES]
     subsets = {
         f"even {QUARTER}": even(scanner, QUARTER),
         f"greedy {QUARTER}": tuple(sorted(greedy)),
@@ -206,12 +206,12 @@ def on_maps(folder: Path, preset: str) -> None:
         env = environment(name)
         rows[name] = whole_maps(env, scanner, {**subsets, **fewest})
         print(preset, name, rows[name], flush=True)
-    kept = {
+    result = {
         "chosen": choice.chosen.beams, "method": choice.method, "fewest": choice.fewest,
         "seconds": seconds, "quarter_seconds": quarter_seconds, "greedy": greedy,
         "sizes": SIZES, "curves": curves, "random": drawn, "held_out": rows,
     }  # fmt: skip
-    keep(path, kept)
+    keep(path, result)
 
 
 def worst(samples: Sequence[MapSample], beams: Sequence[int]) -> list[float]:
@@ -238,11 +238,11 @@ def whole_maps(
             env, subset_scanner(scanner, beams), spacing=SPACING, radius=RADIUS,
             max_beams=scanner.beams, tau=subset_tau(scanner, len(beams)), store=False,
         )  # fmt: skip
-        own, own_level = on_floor(amap, counted)
+        own_shares, own_level = on_floor(amap, counted)
         if level.ndim < own_level.ndim:
             level = level[..., None]
         shares_by_subset[name] = [
-            POINTS * float(np.abs(own - shares).max()),
+            POINTS * float(np.abs(own_shares - shares).max()),
             POINTS * float(np.nanmean(np.abs(own_level - level))),
         ]
         level = level if level.ndim == 1 else level[..., 0]
@@ -264,8 +264,8 @@ def on_floor(
     zone, level = (
         amap.dataset[name].transpose("y", "x", ...).values[counted] for name in ("zone", "level")
     )
-    there = zone < len(ZONES)
-    shares = np.bincount(zone[there], minlength=len(ZONES)) / there.sum()
+    is_floor = zone < len(ZONES)
+    shares = np.bincount(zone[is_floor], minlength=len(ZONES)) / is_floor.sum()
     return shares, level.astype(np.float64)
 
 
@@ -301,12 +301,12 @@ def small_cases(folder: Path) -> None:
 
 def shrink(samples: Sequence[MapSample], total: int) -> dict[int, tuple[int, ...]]:
     """Select greedily from all beams: remove the one whose removal costs least."""
-    kept = tuple(range(total))
-    by_count = {total: kept}
-    while len(kept) > 1:
-        rivals = [kept[:i] + kept[i + 1 :] for i in range(len(kept))]
-        kept = min(rivals, key=lambda beams: objective(samples, beams))
-        by_count[len(kept)] = kept
+    remaining = tuple(range(total))
+    by_count = {total: remaining}
+    while len(remaining) > 1:
+        rivals = [remaining[:i] + remaining[i + 1 :] for i in range(len(remaining))]
+        remaining = min(rivals, key=lambda beams: objective(samples, beams))
+        by_count[len(remaining)] = remaining
     return by_count
 
 
@@ -407,7 +407,7 @@ def drives(folder: Path) -> None:
 
     scanner = RangeScanner.from_preset(SCANNERS[0])
     path = folder / "drives.jsonl"
-    done = {tuple(row[name] for name in KEY) for row in kept_rows(path)}
+    finished = {tuple(row[name] for name in KEY) for row in kept_rows(path)}
     with appended(path) as append:
         for name in DRIVEN:
             env = environment(name)
@@ -419,15 +419,15 @@ def drives(folder: Path) -> None:
                 cases = itertools.product(
                     worlds.items(), ODOMETRIES, subsets_driven(folder).items(), DRIVE_LOCALIZERS
                 )
-                for (walls, world), scale, (beams, kept), kind in cases:
+                for (walls, world), scale, (beams, subset), kind in cases:
                     key = (name, pair, walls, scale, beams, kind)
-                    if key in done or (
+                    if key in finished or (
                         scale != ODOMETRIES[0] and (kind == ALL_BEAMS or world is not env)
                     ):
                         continue
                     if route is None:
                         route = robot.plan(start, goal, planner_name="reference", weight=0.0)
-                    reduced, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
+                    reduced, noise = subset_scanner(scanner, subset), OdometryNoise(scale=scale)
                     driven = drive_route(
                         env, reduced, ROBOT, route, localizer(kind, env, reduced, noise),
                         np.random.default_rng([SEED, pair]), RUNS, noise=noise, world=world,

@@ -86,31 +86,31 @@ def share(which: np.ndarray) -> str:
     return f"{interval.value:.0f} ({interval.low:.0f} to {interval.high:.0f})"
 
 
-def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
+def row(where: str, who: str, level: str, episodes: Episodes) -> list[str]:
     """Return a line of the table."""
     return [
-        where, who, level, share(done.ended(ARRIVED)), share(done.was_lost),
-        share(done.lost_at_end), share(done.ended(COLLIDED)),
-        *(f"{100 * done.ended(code).mean():.0f}" for code in (MISSED, TIMEOUT)),
-        f"{done.error_mean.mean():.3f}",
+        where, who, level, share(episodes.ended(ARRIVED)), share(episodes.was_lost),
+        share(episodes.lost_at_end), share(episodes.ended(COLLIDED)),
+        *(f"{100 * episodes.ended(code).mean():.0f}" for code in (MISSED, TIMEOUT)),
+        f"{episodes.error_mean.mean():.3f}",
     ]  # fmt: skip
 
 
 def difference(first: Episodes, second: Episodes) -> tuple[float, float, float]:
     """Return the difference of arrival rates in points, with Newcombe's interval."""
-    a, b = (done.ended(ARRIVED).astype(float) for done in (first, second))
-    known = [evidence_of(arrived, None, bootstrap.LEVEL) for arrived in (a, b)]
-    low, high = newcombe(float(a.mean()), float(b.mean()), *known)
+    a, b = (episodes.ended(ARRIVED).astype(float) for episodes in (first, second))
+    evidence = [evidence_of(arrived, None, bootstrap.LEVEL) for arrived in (a, b)]
+    low, high = newcombe(float(a.mean()), float(b.mean()), *evidence)
     return 100.0 * float(a.mean() - b.mean()), 100.0 * low, 100.0 * high
 
 
-def judged(done: Mapping[tuple[str, int], Episodes]) -> str:
+def judged(episodes: Mapping[tuple[str, int], Episodes]) -> str:
     """Say whether each level is harder than the one before."""
     lines = []
     for who in DRIVERS:
         steps = []
         for level in range(1, len(LEVELS)):
-            gain, low, high = difference(done[who, level], done[who, level - 1])
+            gain, low, high = difference(episodes[who, level], episodes[who, level - 1])
             word = "fewer" if high < 0 else ("MORE" if low > 0 else "not shown")
             steps.append(f"{level - 1} to {level}: {gain:+.1f} ({low:+.1f} to {high:+.1f}) {word}")
         lines.append(f"- {who}: " + "; ".join(steps))
@@ -124,16 +124,16 @@ def section(title: str, names: list[str], arguments: argparse.Namespace) -> str:
         for who in DRIVERS:
             for level in range(len(LEVELS)):
                 begin = time.perf_counter()
-                done = drive(
+                driven = drive(
                     suite, path, who, level, arguments.episodes, arguments.buildings,
                     arguments.seed, {},
                 )  # fmt: skip
-                parts.setdefault((who, level), []).append(done)
-                rows.append(row(name, who, str(level), done))
+                parts.setdefault((who, level), []).append(driven)
+                rows.append(row(name, who, str(level), driven))
                 took = f"{time.perf_counter() - begin:.0f} s"
                 print(*rows[-1], took, sep=" | ", flush=True)
     together = {key: joined(each) for key, each in parts.items()}
-    summary = [row("all", who, str(level), done) for (who, level), done in together.items()]
+    summary = [row("all", who, str(level), driven) for (who, level), driven in together.items()]
     return (
         f"## {title}\n\n{table(HEADER, summary, 3)}\n\nArrivals from level to level, points:\n\n"
         f"{judged(together)}\n\n{table(HEADER, rows, 3)}\n"
@@ -145,18 +145,18 @@ def options_one_by_one(arguments: argparse.Namespace) -> str:
     rows = []
     for name, value in [("as mapped", None), *LEVELS[-1].items()]:
         for who in REACTIVE[:1]:
-            given = {} if value is None else {name: value}
-            done = joined(
+            options = {} if value is None else {name: value}
+            driven = joined(
                 [
                     drive(
                         suite, None, who, 0, arguments.episodes, arguments.buildings,
-                        arguments.seed, given,
+                        arguments.seed, options,
                     )
                     for suite in SUITES
                 ]
             )  # fmt: skip
             text = name if value is None else f"`{name}` {value:g}"
-            rows.append(row(text, who, "0", done))
+            rows.append(row(text, who, "0", driven))
             print(*rows[-1], sep=" | ", flush=True)
     return (
         f"## Each option alone, at the value of level 3, all suites\n\n{table(HEADER, rows, 3)}\n"
@@ -173,9 +173,9 @@ def speeds(repeats: int = 9, steps: int = 60, robots: int = 64) -> str:
     runs = {
         name: Driving(
             robots, steps,
-            {"suite": "procedural", "buildings": 4, "window": False, **given}, time.process_time,
+            {"suite": "procedural", "buildings": 4, "window": False, **options}, time.process_time,
         )
-        for name, given in cases.items()
+        for name, options in cases.items()
     }  # fmt: skip
     rows = [(name, rate) for name, (rate, _) in rates(runs, repeats).items()]
     return (

@@ -96,8 +96,8 @@ def figures(environment: Environment, scanner: RangeScanner, count: int) -> Floa
     service = AmbiguityService(amap)
     rows = []
     for number, (heading, line) in enumerate(lines(amap, checker, count)):
-        rng, own = np.random.default_rng([9, number]).spawn(2)
-        reseed(mcl, own)
+        rng, localizer_rng = np.random.default_rng([9, number]).spawn(2)
+        reseed(mcl, localizer_rng)
         route = evaluate_route(service, line, Steering(), planner="line")
         errors = driven(environment, scanner, route, mcl, environment, rng, RUNS).errors()[:, -1]
         off = np.hypot(errors[:, 0], errors[:, 1])

@@ -129,7 +129,7 @@ def fitted_odometry(log: Log) -> OdometryNoise:
 def forecast_scans(log: Log, forecaster: Forecaster) -> tuple[Floats, Floats]:
     """Return covariances after each scan, (S, 3, 3), and raw lost shares up to it, (S,)."""
     poses = np.ascontiguousarray(log.required_poses())
-    cov, whole = forecaster.start.copy(), forecaster.start.copy()
+    cov, total = forecaster.start.copy(), forecaster.start.copy()
     room = filter_room()
     covariance, lost = np.empty((log.scans, 3, 3)), np.zeros(log.scans)
     covariance[0], outside, tracked = cov, 0.0, 1.0
@@ -139,7 +139,7 @@ def forecast_scans(log: Log, forecaster: Forecaster) -> tuple[Floats, Floats]:
         # The log has one scan here, however far the robot has come: one update.
         settings = forecaster.settings._replace(distance=metres, angle=math.inf)
         outside, tracked = filter_step(
-            poses[k - 1], poses[k], cov, whole, outside, tracked, forecaster.field.fields,
+            poses[k - 1], poses[k], cov, total, outside, tracked, forecaster.field.fields,
             forecaster.field.lattice, forecaster.odometry.packed, settings, predicted, room,
         )  # fmt: skip
         covariance[k] = cov

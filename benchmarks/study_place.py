@@ -93,7 +93,7 @@ def main() -> None:
 
 def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any) -> None:
     """Place and drive in one building."""
-    done = {
+    finished = {
         (
             row["environment"],
             row["what"],
@@ -117,7 +117,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         "floor": Region.of_polygon(line.buffer(BESIDE), f"{name}, floor beside the route"),
     }
     for region_name, region in regions.items():
-        if (name, region_name, None, 0) in done:
+        if (name, region_name, None, 0) in finished:
             continue
         help_found = place_obstacles(environment, scanner, amap, rules, POSTS, reach, [region])
         drawn = random_gains(help_found, args.random, np.random.default_rng(args.seed))
@@ -146,7 +146,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         for world in (environment, edited)
     ]
     for scale, localizer in product(args.odometry, args.localizers):
-        if (name, localizer, scale, args.runs) in done:
+        if (name, localizer, scale, args.runs) in finished:
             continue
         noise = OdometryNoise(scale=scale)
         pair = [
@@ -182,14 +182,14 @@ def fresh_effects(help_found: Remedy) -> Effects:
 def random_subset(trials: Trials, passage: float, rng: np.random.Generator) -> list[int]:
     """Draw indices of candidates one by one from those still allowed; empty if that fails."""
     chosen: list[int] = []
-    left = list(range(len(trials.candidates)))
+    free = list(range(len(trials.candidates)))
     while len(chosen) < POSTS:
-        if not left:
+        if not free:
             return []
-        i = int(rng.choice(left))
+        i = int(rng.choice(free))
         chosen.append(i)
-        left = [
-            j for j in left if j != i and apart(trials.candidates[i], trials.candidates[j], passage)
+        free = [
+            j for j in free if j != i and apart(trials.candidates[i], trials.candidates[j], passage)
         ]
     return chosen
 

@@ -58,16 +58,16 @@ def main() -> None:
             continue
         rng = np.random.default_rng(args.seed)
         default, seconds = case.placed(PlaceRules().most)
-        more, more_seconds = case.placed(MORE * PlaceRules().most)
+        larger, larger_seconds = case.placed(MORE * PlaceRules().most)
         aged, _ = case.placed(PlaceRules().most, rng=rng, aged=args.aged, examine=False)
         greedy, greedy_seconds = before_moves(default)
         _, examined = case.placed(PlaceRules().most, rng=rng)
-        best = max(removed(default), removed(more))
+        best = max(removed(default), removed(larger))
         shares.append(removed(default) / best)
         assert aged.aged is not None
         areas = (
-            default.placement.before.bad, greedy, removed(default), removed(more),
-            greedy_seconds + examined - seconds, seconds, more_seconds, aged.aged.before.mean(),
+            default.placement.before.bad, greedy, removed(default), removed(larger),
+            greedy_seconds + examined - seconds, seconds, larger_seconds, aged.aged.before.mean(),
             aged.aged.gain.mean(), np.percentile(aged.aged.gain, WORST),
         )  # fmt: skip
         cells = [f"{value:.1f}" for value in areas]
@@ -114,11 +114,11 @@ class Case:
     def placed(self, most: int, **how: Any) -> tuple[Remedy, float]:
         """Place the posts among so many candidates; return processor seconds too."""
         begin = time.process_time()
-        found = place_obstacles(
+        remedy = place_obstacles(
             self.environment, self.scanner, self.amap, PlaceRules(most=most), POSTS, self.reach,
             **how,
         )  # fmt: skip
-        return found, time.process_time() - begin
+        return remedy, time.process_time() - begin
 
 
 def removed(remedy: Remedy) -> float:

@@ -70,8 +70,8 @@ Row = dict[str, Any]
 
 def map_files() -> dict[str, Path]:
     """Return the maps by name."""
-    named = {name: environment_path(name) for name in ENVIRONMENTS if name not in TOO_LARGE}
-    return named | {Path(name).stem: data_file(name) for name in SPACINGS}
+    files = {name: environment_path(name) for name in ENVIRONMENTS if name not in TOO_LARGE}
+    return files | {Path(name).stem: data_file(name) for name in SPACINGS}
 
 
 def settings() -> dict[str, tuple[str, ...]]:
@@ -119,7 +119,7 @@ def _kilobytes(field: str) -> int:
 
 def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
     """Plan what is missing in the file of rows."""
-    done = {(row["map"], row["setting"], row["pair"]) for row in kept_rows(path)}
+    finished = {(row["map"], row["setting"], row["pair"]) for row in kept_rows(path)}
     warm: set[str] = set()
     with appended(path) as append:
         for name, file in map_files().items():
@@ -127,7 +127,7 @@ def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
                 (setting, pair)
                 for setting in settings()
                 for pair in range(count)
-                if (name, setting, pair) not in done
+                if (name, setting, pair) not in finished
             ]
             if not missing:
                 continue
@@ -202,9 +202,9 @@ def against(rows: list[Row], planner: str, auto: str) -> str:
     for row in rows:
         cost = np.inf if row["cost"] is None else row["cost"]
         costs.setdefault((row["map"], row["pair"]), {})[row["planner"]] = cost
-    less = 1.0 - SAME / 100.0
-    cheaper = sum(query[planner] < less * query[auto] for query in costs.values())
-    dearer = sum(query[auto] < less * query[planner] for query in costs.values())
+    cheaper_share = 1.0 - SAME / 100.0
+    cheaper = sum(query[planner] < cheaper_share * query[auto] for query in costs.values())
+    dearer = sum(query[auto] < cheaper_share * query[planner] for query in costs.values())
     return "-" if planner == auto else f"{cheaper}, {dearer}"
 
 
@@ -249,11 +249,11 @@ def table_by_size(rows: list[Row]) -> list[tuple[Any, ...]]:
     """Return the table's rows of the best planner by size of map."""
     lines = []
     for setting, size in product(settings(), SIZES):
-        here = of(rows, setting=setting, size=size)
-        if here:
-            name = best_planner(here)
-            maps = len({row["map"] for row in here})
-            lines.append((setting, size, name, maps, *line(of(here, planner=name))))
+        size_rows = of(rows, setting=setting, size=size)
+        if size_rows:
+            name = best_planner(size_rows)
+            maps = len({row["map"] for row in size_rows})
+            lines.append((setting, size, name, maps, *line(of(size_rows, planner=name))))
     return lines
 
 
@@ -283,7 +283,7 @@ def main() -> None:
     planned_rows = kept_rows(args.rows)
     rows = with_gaps(planned_rows)
     for row in rows:
-        row["size"] = next(name for name, most in SIZES.items() if row["cells"] <= most)
+        row["size"] = next(name for name, max_cells in SIZES.items() if row["cells"] <= max_cells)
     by_map = table_by_map(rows, planned_rows)
     by_planner = ("setting", "planner", *COLUMNS, "cheaper, dearer than auto")
     body = "\n\n".join(

@@ -59,10 +59,10 @@ def main() -> None:
 def body_of(rows: list[Row]) -> str:
     """Compose the report."""
     rng = np.random.default_rng(SEED)
-    kept = [row for row in rows if row["kept"]]
-    risky = [row for row in kept if candidate(row, 0.0)["lost"][0] > MAX_LOST * RUNS]
-    searched = [row for row in kept if row["found_by"] == SEARCH]
-    over = sum(sum(row["fresh_lost"]) > MAX_LOST * 2 * RUNS for row in kept)
+    solved = [row for row in rows if row["kept"]]
+    risky = [row for row in solved if candidate(row, 0.0)["lost"][0] > MAX_LOST * RUNS]
+    searched = [row for row in solved if row["found_by"] == SEARCH]
+    broken = sum(sum(row["fresh_lost"]) > MAX_LOST * 2 * RUNS for row in solved)
     shorter = [
         1.0 - row["length"] / min(fits)
         for row in searched
@@ -71,20 +71,20 @@ def body_of(rows: list[Row]) -> str:
     return "\n\n".join(
         [
             f"{len(rows)} pairs in {len({row['building'] for row in rows})} buildings "
-            f"({commits(rows)}); a route is given for {len(kept)} of them, and for the others a "
+            f"({commits(rows)}); a route is given for {len(solved)} of them, and for the others a "
             "sentence says that none keeps to it.",
-            f"## All pairs with a route ({len(kept)})\n\n{comparison(kept, rng, slice(0, 2))}",
+            f"## All pairs with a route ({len(solved)})\n\n{comparison(solved, rng, slice(0, 2))}",
             f"## Where more than {100 * MAX_LOST:g} % get lost on the shortest ({len(risky)})"
             f"\n\n{comparison(risky, rng, slice(1, 2))}",
-            f"Of these routes {over} lost more than {100 * MAX_LOST:g} % of fresh drives; "
+            f"Of these routes {broken} lost more than {100 * MAX_LOST:g} % of fresh drives; "
             f"{len(searched)} come from the search over place and belief, {len(shorter)} of them "
             "where a weight's route is forecast to keep to the share too: by "
             f"{100 * np.median(shorter) if shorter else np.nan:.0f} % (median) shorter than that. "
             f"Median of planning, forecasts and drives: "
             f"{np.median([row['seconds'] for row in rows]):.1f} s, 95 % "
             f"{np.quantile([row['seconds'] for row in rows], 0.95):.0f} s; drives of the route: "
-            f"{np.median([row['drives'] for row in kept]):.0f}.",
-            f"## Closed loop, {CLOSED} drives each\n\n{closed_loop(kept)}",
+            f"{np.median([row['drives'] for row in solved]):.0f}.",
+            f"## Closed loop, {CLOSED} drives each\n\n{closed_loop(solved)}",
         ]
     )
 
@@ -123,13 +123,13 @@ def comparison(rows: list[Row], rng: np.random.Generator, part: slice) -> str:
     routes[MIXTURE] = length, lost
     lines = [
         [
-            name, f"{own.mean():.2f}", f"{100 * (own / shortest - 1).mean():.1f}",
+            name, f"{lengths.mean():.2f}", f"{100 * (lengths / shortest - 1).mean():.1f}",
             over_buildings(rows, 100.0 * shares, rng) if name == MIXTURE
             else lost_share(rows, shares, drives),
             "" if name == MIXTURE else int((shares > MAX_LOST).sum()),
             over_buildings(rows, 100.0 * (shares - routes["promised"][1]), rng),
         ]
-        for name, (own, shares) in routes.items()
+        for name, (lengths, shares) in routes.items()
     ]  # fmt: skip
     header = ["route", "m", "longer, %", "lost, %", f"routes > {MAX_LOST:g}", "more than promised"]
     return table(header, lines)
@@ -156,15 +156,15 @@ def closed_loop(rows: list[Row]) -> str:
     """Return the table of lost shares in closed loop."""
     lines = []
     for world in ("map", "aged"):
-        known = [
+        driven = [
             row for row in rows if None not in (row[f"promised_{world}"], row[f"shortest_{world}"])
         ]
         shares = [
-            np.array([row[f"{which}_{world}"] / CLOSED for row in known])
+            np.array([row[f"{which}_{world}"] / CLOSED for row in driven])
             for which in ("promised", "shortest")
         ]
-        cells = [lost_share(known, route_shares, CLOSED) for route_shares in shares]
-        lines.append([world, len(known), *cells])
+        cells = [lost_share(driven, route_shares, CLOSED) for route_shares in shares]
+        lines.append([world, len(driven), *cells])
     return table(["world", "pairs", "promised: lost, %", "shortest: lost, %"], lines)
 
 

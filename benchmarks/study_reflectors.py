@@ -130,8 +130,8 @@ def served(search: Search, chosen: tuple[int, ...]) -> float:
 
 def served_by_number(search: Search, chosen: tuple[int, ...]) -> float:
     """Return the floor that sees enough of them: no less than `served`."""
-    enough = search.views[list(chosen), :, 0].sum(axis=0) >= RULES.needed
-    return float(enough[search.counted].sum() * search.site.lattice.cell_area)
+    is_served = search.views[list(chosen), :, 0].sum(axis=0) >= RULES.needed
+    return float(is_served[search.counted].sum() * search.site.lattice.cell_area)
 
 
 def draw(search: Search, count: int, rng: np.random.Generator) -> tuple[int, ...]:

@@ -184,9 +184,9 @@ class Rivals:
                 self.searches[number].try_places(lambda text: lambda share: None)[0].values()
             )
             joined = None if not kinds else kinds[0]
-            for other in kinds[1:]:
+            for kind in kinds[1:]:
                 assert joined is not None
-                joined = joined.and_of(other)
+                joined = joined.and_of(kind)
             self._trials[number] = joined
         return self._trials[number]
 
@@ -228,22 +228,22 @@ class Rivals:
         if trials is None:
             return
         prices = self.terms.prices
-        worth = {
+        value = {
             each: gain.cost / prices[each.kind]
             for each, gain in zip(trials.candidates, trials.gains, strict=True)
         }
-        effects, chosen, fresh = search.effects.copy(), tuple[Candidate, ...](), set(worth)
+        effects, chosen, fresh = search.effects.copy(), tuple[Candidate, ...](), set(value)
         while True:
-            left = [
+            free = [
                 each
-                for each in worth
+                for each in value
                 if self.terms.allows((*chosen, each))
-                and all(apart(each, other, self.passage) for other in chosen)
+                and all(apart(each, placed, self.passage) for placed in chosen)
             ]
-            if not left or worth[best := max(left, key=worth.__getitem__)] <= 0.0:
+            if not free or value[best := max(free, key=value.__getitem__)] <= 0.0:
                 return
             if best not in fresh:
-                worth[best] = effects.tried([best.obstacle]).gain.cost / prices[best.kind]
+                value[best] = effects.tried([best.obstacle]).gain.cost / prices[best.kind]
                 fresh.add(best)
                 continue
             effects.put(effects.tried([best.obstacle]))
@@ -260,7 +260,7 @@ def random_obstacles(
         if len(chosen) == sum(terms.most.values()):
             break
         if terms.allows((*chosen, places[i])) and all(
-            apart(places[i], other, passage) for other in chosen
+            apart(places[i], placed, passage) for placed in chosen
         ):
             chosen.append(places[i])
     return chosen
@@ -317,12 +317,12 @@ def summary(cases: Sequence[Mapping[str, Any]]) -> str:
 def against(cases: Sequence[Mapping[str, Any]], rival: str) -> tuple[str, str, str]:
     """Return where the advice is met: how often a rival is not, costs more, and how much more."""
     pairs = [(case["advice"], case[rival]) for case in cases if case["advice"] is not None]
-    both = [(ours, theirs) for ours, theirs in pairs if theirs is not None]
-    more = [100.0 * (theirs / ours - 1.0) for ours, theirs in both if theirs > ours]
+    solved = [(ours, theirs) for ours, theirs in pairs if theirs is not None]
+    dearer = [100.0 * (theirs / ours - 1.0) for ours, theirs in solved if theirs > ours]
     return (
-        str(len(pairs) - len(both)),
-        str(len(more)),
-        "" if not more else f"{np.median(more):.0f}",
+        str(len(pairs) - len(solved)),
+        str(len(dearer)),
+        "" if not dearer else f"{np.median(dearer):.0f}",
     )
 
 

@@ -89,19 +89,19 @@ def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) ->
     )
 
 
-def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
+def row(name: str, who: Baseline, driven: Episodes, seconds: float) -> list[str]:
     """Return a line of the table."""
-    count = len(done)
-    arrived = done.ended(ARRIVED)
+    count = len(driven)
+    arrived = driven.ended(ARRIVED)
     often = share(arrived).scaled(100.0)
-    shares = [f"{100 * done.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)]
+    shares = [f"{100 * driven.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)]
     priced = "ambiguity_weight" in who.seeing
-    error = 1.96 * done.reward.std(ddof=1) / math.sqrt(count)
+    error = 1.96 * driven.reward.std(ddof=1) / math.sqrt(count)
     return [
         name, who.text, f"{often.value:.0f} ({often.low:.0f} to {often.high:.0f})", *shares,
-        f"{100 * done.was_lost.mean():.0f}",
-        "other prices" if priced else f"{done.reward.mean():.1f} ± {error:.1f}",
-        f"{done.seconds.mean():.0f}", f"{seconds:.0f}",
+        f"{100 * driven.was_lost.mean():.0f}",
+        "other prices" if priced else f"{driven.reward.mean():.1f} ± {error:.1f}",
+        f"{driven.seconds.mean():.0f}", f"{seconds:.0f}",
     ]  # fmt: skip
 
 
@@ -119,30 +119,30 @@ HEADER = (
 
 def section(name: str, arguments: dict[str, Any], whom: list[str], episodes: int, seed: int) -> str:
     """Return the table of one task, and the room for learning."""
-    rows, done = [], {}
-    for other in whom:
-        who, begin = baseline(other), time.perf_counter()
-        done[other] = drive(arguments, who, episodes, seed)
-        rows.append(row(other, who, done[other], time.perf_counter() - begin))
+    rows, driven = [], {}
+    for label in whom:
+        who, begin = baseline(label), time.perf_counter()
+        driven[label] = drive(arguments, who, episodes, seed)
+        rows.append(row(label, who, driven[label], time.perf_counter() - begin))
         print(name, *rows[-1], sep=" | ", flush=True)
-    more = NOT_GIVEN.get(name, ())
-    known = {other: BASELINES[other].kind if other in BASELINES else "baseline" for other in done}
-    usual = {o: d for o, d in done.items() if known[o] != "oracle" and o not in more}
+    excluded = NOT_GIVEN.get(name, ())
+    kinds = {label: BASELINES[label].kind if label in BASELINES else "baseline" for label in driven}
+    usual = {o: d for o, d in driven.items() if kinds[o] != "oracle" and o not in excluded}
     text = f"## {name}\n\n`{arguments}`\n\n{table(HEADER, rows, 2)}\n"
-    if "oracle" in done and usual:
+    if "oracle" in driven and usual:
         best = max(usual, key=lambda o: usual[o].ended(ARRIVED).mean())
-        gain, low, high = room(done["oracle"], usual[best])
+        gain, low, high = room(driven["oracle"], usual[best])
         text += f"\nRoom for learning: {gain:.0f} points ({low:.0f} to {high:.0f}) over {best}"
-        informed = [o for o in done if known[o] == "oracle" and o != "oracle"]
+        informed = [o for o in driven if kinds[o] == "oracle" and o != "oracle"]
         if informed:
-            knows = max(informed, key=lambda o: done[o].ended(ARRIVED).mean())
-            own, least, most = room(done[knows], usual[best])
-            text += f"; under the same rules {own:.0f} ({least:.0f} to {most:.0f}) by {knows}"
+            knows = max(informed, key=lambda o: driven[o].ended(ARRIVED).mean())
+            score, least, highest = room(driven[knows], usual[best])
+            text += f"; under the same rules {score:.0f} ({least:.0f} to {highest:.0f}) by {knows}"
         verdict = "has an id" if name in TASKS else "may have one" if gain >= ROOM else "has none"
         text += ".\n" if name in PLAIN else f"; {ROOM:.0f} are asked for, so it {verdict}.\n"
-    if more:
-        others = ", ".join(other for other in done if other in more)
-        text += f"\nNot counted, since they see a waypoint: {others}.\n"
+    if excluded:
+        excluded_names = ", ".join(label for label in driven if label in excluded)
+        text += f"\nNot counted, since they see a waypoint: {excluded_names}.\n"
     return text
 
 

@@ -75,7 +75,7 @@ def tables(driven: Mapping[str, Mapping[str, Episodes]]) -> str:
             collided = 100.0 * float(np.mean(episodes.ended(COLLIDED)))
             cells.append(f"{rate.value:.0f} [{rate.low:.0f}, {rate.high:.0f}], {collided:.0f}")
         shares.append((trained, *cells))
-        less = []
+        row_cells = []
         for robot, episodes in by_robot.items():
             at_home = driven[robot][robot].ended(ARRIVED)
             points = paired_share(episodes.ended(ARRIVED), at_home, group=episodes.building).scaled(
@@ -83,8 +83,8 @@ def tables(driven: Mapping[str, Mapping[str, Episodes]]) -> str:
             )
             text = f"{points.value:+.0f} [{points.low:+.0f}, {points.high:+.0f}]"
             bold = f"**{text}**" if points.low > 0.0 or points.high < 0.0 else text
-            less.append("-" if trained == robot else bold)
-        differences.append((trained, *less))
+            row_cells.append("-" if trained == robot else bold)
+        differences.append((trained, *row_cells))
     header = ("trained with", *(f"driven with {name}" for name in ROBOTS))
     return (
         f"Arrived in %, collided in %:\n\n{table(header, shares, 1)}\n\nArrived, less the policy "

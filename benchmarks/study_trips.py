@@ -162,8 +162,8 @@ def case_of(name: str, args: Any) -> Case:
         environment, reach, SAMPLED, np.random.default_rng(0), step=graph_step(reach, STEP)
     )
     which = args.odometry, args.localizer
-    known = Forecaster(mapped(environment, scanner), *which, routes=routes)
-    lost = known.lost_probabilities(routes)
+    estimator = Forecaster(mapped(environment, scanner), *which, routes=routes)
+    lost = estimator.lost_probabilities(routes)
     worst = [routes[k] for k in np.argsort(-lost, kind="stable")[:TRIPS]]
     trips = [
         Trip(f"start {k}", f"goal {k}", (x0, y0), (x1, y1))

@@ -32,10 +32,10 @@ HEADER = (
 )  # fmt: skip
 
 
-def scores(done: Episodes) -> NDArray[np.float64]:
+def scores(episodes: Episodes) -> NDArray[np.float64]:
     """Return the score of each episode."""
-    ends = done.ended(ARRIVED) * 1.0 - done.ended(MISSED) - done.ended(COLLIDED)
-    return np.asarray(ends - SECOND * done.seconds)
+    ends = episodes.ended(ARRIVED) * 1.0 - episodes.ended(MISSED) - episodes.ended(COLLIDED)
+    return np.asarray(ends - SECOND * episodes.seconds)
 
 
 def with_error(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -47,12 +47,12 @@ def section(
     level: str, whom: dict[str, Baseline], place: dict[str, Any], episodes: int, seed: int
 ) -> str:
     """Return the table of a level, and the paired leads of the best of each kind."""
-    rows, done = [], {}
-    given = {**IDS[f"ambinav/TwinRooms{level}-v2"], **place}
+    rows, driven = [], {}
+    options = {**IDS[f"ambinav/TwinRooms{level}-v2"], **place}
     if "map" in place:
-        del given["suite"], given["buildings"]
+        del options["suite"], options["buildings"]
     for name, who in whom.items():
-        done[name] = scored = drive(given, who, episodes, seed)
+        driven[name] = scored = drive(options, who, episodes, seed)
         often, (mean, error) = (
             share(scored.ended(ARRIVED)).scaled(100.0),
             with_error(scores(scored)),
@@ -67,20 +67,20 @@ def section(
     text = f"## TwinRooms{level}, {where}\n\n{table(HEADER, rows, 3)}\n\n"
     best = {
         kind: max(
-            (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: _mean(done[n])
+            (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: _mean(driven[n])
         )
         for kind in dict.fromkeys(map(_kind, whom.values()))
     }
     for kind, name in best.items():
-        for other, rival in best.items():
-            if kind != other and _mean(done[name]) > _mean(done[rival]):
-                lead, error = with_error(scores(done[name]) - scores(done[rival]))
-                text += f"- {name} ({kind}) over {rival} ({other}): {lead:.2f} ± {error:.2f}\n"
+        for rival_kind, rival in best.items():
+            if kind != rival_kind and _mean(driven[name]) > _mean(driven[rival]):
+                lead, error = with_error(scores(driven[name]) - scores(driven[rival]))
+                text += f"- {name} ({kind}) over {rival} ({rival_kind}): {lead:.2f} ± {error:.2f}\n"
     return text
 
 
-def _mean(done: Episodes) -> float:
-    return float(scores(done).mean())
+def _mean(episodes: Episodes) -> float:
+    return float(scores(episodes).mean())
 
 
 def _kind(who: Baseline) -> str:
@@ -99,8 +99,8 @@ def main() -> None:
         seed=1,
     )
     whom = {name: BELIEF_METHODS[name] for name in args.method or BELIEF_METHODS}
-    for named in args.policy or ():
-        name, _, file = named.partition("=")
+    for policy in args.policy or ():
+        name, _, file = policy.partition("=")
         who = baseline(file)
         whom[name] = Baseline(f"trained: {name}", who.make, who.seeing, "learner")
     places = [{"map": name} for name in args.map or ()] or [UNSEEN_BUILDINGS]

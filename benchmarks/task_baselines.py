@@ -188,8 +188,8 @@ class Informed:
             away, self._away.towards(elsewhere, ahead_of_it), self._drive.act(observations, starts)
         )
         if "arrived" in p.declare:
-            there = believed & (off <= p.success_radius)
-            actions[:, MOTIONS + p.declare.index("arrived")] = np.where(there, 1.0, -1.0)
+            arrived = believed & (off <= p.success_radius)
+            actions[:, MOTIONS + p.declare.index("arrived")] = np.where(arrived, 1.0, -1.0)
         return actions
 
 
@@ -214,11 +214,11 @@ class Oracle:
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
         """Drive along the route."""
         points = np.zeros((simulation.count, 3), dtype=np.float32)
-        for i, way in enumerate(self._ways):
-            if way is not None:
+        for i, path in enumerate(self._ways):
+            if path is not None:
                 state = simulation.state[i]
                 x, y, theta = state["truth"]
-                wx, wy = ahead(x, y, state["goal"], SEES["waypoint_distance"], *way)
+                wx, wy = ahead(x, y, state["goal"], SEES["waypoint_distance"], *path)
                 polar(x, y, np.cos(theta), np.sin(theta), wx, wy, points, i)
         return self._drive.towards(observations, points)
 

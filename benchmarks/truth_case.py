@@ -116,7 +116,7 @@ def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Nam
 
 
 def add_places(
-    args: argparse.Namespace, done: set[int], append: Callable[[dict[str, Any]], None]
+    args: argparse.Namespace, finished: set[int], append: Callable[[dict[str, Any]], None]
 ) -> None:
     """Drive about new poses until there are as many as asked for.
 
@@ -136,21 +136,21 @@ def add_places(
     # A route needs a map for its figures, which are not used.
     coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5, store=False))
     for number, place in enumerate(kept_places(args, mapped, scanner, checker)):
-        if len(done) == args.poses:
+        if len(finished) == args.poses:
             return
-        rng, own = np.random.default_rng([args.seed, PLACE_STREAM, number]).spawn(2)
-        if number in done:
+        rng, localizer_rng = np.random.default_rng([args.seed, PLACE_STREAM, number]).spawn(2)
+        if number in finished:
             continue
         strokes = wander(place, LENGTH if has_start else UNKNOWN_LENGTH, checker, rng)
         if strokes is None:
             continue
         route = evaluate_route(coarse, strokes, Steering(), planner="wander")
         if isinstance(localizer, MonteCarloLocalizer):
-            reseed(localizer, own)
+            reseed(localizer, localizer_rng)
         drives = driven(mapped, scanner, route, localizer, world, rng, args.runs)
         append({"place": number, "x": float(place[0]), "y": float(place[1]), **measured(drives)})
-        done.add(number)
-    print(f"{len(done)} poses of {args.poses} found room", file=sys.stderr)
+        finished.add(number)
+    print(f"{len(finished)} poses of {args.poses} found room", file=sys.stderr)
 
 
 def kept_places(
@@ -208,8 +208,8 @@ class Unstarted(MonteCarloLocalizer):
         """Create a `MonteCarloLocalizer`; `parameters` get the number of particles."""
         later = replace(parameters, max_particles=PARTICLES)
         super().__init__(environment, scanner, later, runs=runs, rng=rng)
-        many = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)
-        first = replace(parameters, max_particles=many)
+        particles = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)
+        first = replace(parameters, max_particles=particles)
         self.seeking = MonteCarloLocalizer(environment, scanner, first, runs=1, rng=rng)
         self.new = True
 
@@ -229,9 +229,9 @@ class Unstarted(MonteCarloLocalizer):
             sought, state = self.seeking.state, self.state
             # They are drawn in the order of van der Corput's sequence: the first so many of them
             # stand for all.
-            kept = min(int(sought.number[0]), PARTICLES)
-            state.number[run] = kept
-            state.particles[run, :kept] = sought.particles[0, :kept]
+            count = min(int(sought.number[0]), PARTICLES)
+            state.number[run] = count
+            state.particles[run, :count] = sought.particles[0, :count]
             for name in TAKEN_OVER:
                 getattr(state, name)[run] = getattr(sought, name)[0]
         return np.ones(self.runs, dtype=np.bool_)
@@ -279,10 +279,10 @@ def wander(
         return None
     path, length = [place], 0.0
     while length < metres:
-        here = path[-1]
+        pose = path[-1]
         few = spots[rng.integers(len(spots), size=6)]
-        few = few[checker.motions_free(np.broadcast_to(here, few.shape), few)]
-        far = np.hypot(*(few - here)[:, :2].T)
+        few = few[checker.motions_free(np.broadcast_to(pose, few.shape), few)]
+        far = np.hypot(*(few - pose)[:, :2].T)
         if not len(few) or far.max() < 0.05:
             return None if length == 0.0 else np.array(path)
         path.append(few[far.argmax()])

@@ -61,8 +61,8 @@ def main() -> None:
     parts = [read(with_layers(about(amap, places, 1), pointwise), places)]
     # The others compare a pose with its neighbours.
     reach = math.ceil(RADIUS / amap.spacing) + 2
-    others = [name for name in names if name not in (*POINTWISE, ALIASING)]
-    parts.append(read(with_layers(about(amap, places, reach), others), places))
+    relative = [name for name in names if name not in (*POINTWISE, ALIASING)]
+    parts.append(read(with_layers(about(amap, places, reach), relative), places))
     if ALIASING in names:
         parts.append(aliased(amap, environment, places))
     for values in zip(places, *parts, strict=True):
@@ -85,8 +85,8 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
 def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
     """Return aliasing at the nearest poses of a coarser lattice over the whole building."""
     context = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
-    here = np.array([[place["x"], place["y"]] for place in places])
-    _, nearest = cKDTree(np.column_stack(context.points)).query(here)
+    points = np.array([[place["x"], place["y"]] for place in places])
+    _, nearest = cKDTree(np.column_stack(context.points)).query(points)
     sought = np.zeros(len(context.points[0]), dtype=np.bool_)
     sought[nearest] = True
     result = aliased_poses(context, sought=sought)

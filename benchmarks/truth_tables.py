@@ -51,11 +51,11 @@ def scores(places: Sequence[Place], name: str) -> Floats:
 
 def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
     """Return the share of (bad, good) pairs that the score orders; nan with too few of either."""
-    ours, others = int(bad.sum()), int((~bad).sum())
-    if min(ours, others) < FEWEST:
+    ours, good = int(bad.sum()), int((~bad).sum())
+    if min(ours, good) < FEWEST:
         return float("nan")
     ranks = rankdata(score)
-    return float((ranks[bad].sum() - ours * (ours + 1) / 2) / (ours * others))
+    return float((ranks[bad].sum() - ours * (ours + 1) / 2) / (ours * good))
 
 
 def body(by_localizer: dict[str, Found], unknown: bool, when: str) -> str:

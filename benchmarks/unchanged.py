@@ -51,9 +51,9 @@ def digest(*arrays: object) -> str:
 def command(*arguments: object) -> None:
     """Run one command of `ambinav`; its output is shown only if it fails."""
     line = [sys.executable, "-m", "ambinav.cli", *map(str, arguments)]
-    done = subprocess.run(line, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(line)}: exit status {done.returncode}\n{done.stderr}")
+    result = subprocess.run(line, capture_output=True, text=True)
+    if result.returncode:
+        raise SystemExit(f"{' '.join(line)}: exit status {result.returncode}\n{result.stderr}")
 
 
 def maps(folder: Path) -> dict[str, str]:
@@ -163,11 +163,11 @@ def main() -> None:
         print(json.dumps(digests, indent=1))
         return
     before = json.loads(args.against.read_text())
-    other = [key for key in before if digests.get(key) != before[key]]
-    print(f"{len(before) - len(other)} of {len(before)} as before")
-    for key in other:
+    changed = [key for key in before if digests.get(key) != before[key]]
+    print(f"{len(before) - len(changed)} of {len(before)} as before")
+    for key in changed:
         print(f"differs: {key}" if key in digests else f"missing: {key}")
-    raise SystemExit(bool(other))
+    raise SystemExit(bool(changed))
 
 
 if __name__ == "__main__":

@@ -93,16 +93,16 @@ def merged(boxes: Floats) -> list[Bounds]:
         boxes = around
 
 
-def _rows(segments: Segments, others: Segments) -> Floats:
+def _rows(segments: Segments, other_segments: Segments) -> Floats:
     """Return the rows that the other array does not contain."""
-    mine, theirs = (np.column_stack([part.xy, part.kind]) for part in (segments, others))
+    mine, theirs = (np.column_stack([part.xy, part.kind]) for part in (segments, other_segments))
     return np.asarray(segments.xy[_missing(mine, theirs)])
 
 
-def _missing(rows: Floats, others: Floats) -> Bools:
+def _missing(rows: Floats, other_rows: Floats) -> Bools:
     """Return which rows the other array does not contain, bit for bit."""
-    known = set(row_keys(others))
-    return np.array([row not in known for row in row_keys(rows)], dtype=np.bool_)
+    other_keys = set(row_keys(other_rows))
+    return np.array([row not in other_keys for row in row_keys(rows)], dtype=np.bool_)
 
 
 def _in_space(old: SpaceCaster, new: SpaceCaster) -> list[Floats]:

@@ -178,7 +178,7 @@ def _building(lattice: Lattice, solid: Bools) -> dict[str, xr.DataArray]:
     """Return the variables of the map that describe the building."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
-    known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
+    arrays: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
         "free": (lattice.free, ("y", "x"), free.title, free.unit),
         schema.BACKDROP: (
             solid, ("y", "x"), "something in the cell is known to be solid", "bool",
@@ -196,16 +196,16 @@ def _building(lattice: Lattice, solid: Bools) -> dict[str, xr.DataArray]:
         ),
     }  # fmt: skip
     space = lattice.environment.space
-    kept = None if space is None else packed(space)
-    if kept is not None:
-        known["space"] = (kept, ("space_byte",), "walls and solids in space as an .npz file", "m")
+    npz = None if space is None else packed(space)
+    if npz is not None:
+        arrays["space"] = (npz, ("space_byte",), "walls and solids in space as an .npz file", "m")
     drivable = lattice.environment.drivable
     if drivable is not None:
         title = "outline of the space without occupied cells as well-known binary"
-        known["drivable"] = (_outline(drivable), ("drivable_byte",), title, "m")
+        arrays["drivable"] = (_outline(drivable), ("drivable_byte",), title, "m")
     return {
         name: xr.DataArray(values, dims=dims, attrs=_attributes(title, unit))
-        for name, (values, dims, title, unit) in known.items()
+        for name, (values, dims, title, unit) in arrays.items()
     }
 
 
@@ -239,10 +239,10 @@ def _summarize(
 ) -> None:
     """Add the aggregates over the possible headings."""
 
-    def kept(summary: str) -> list[str]:
+    def names_with(summary: str) -> list[str]:
         return [layer.name for layer in CORE_LAYERS.values() if summary in layer.summaries]
 
-    for name in kept("mean"):
+    for name in names_with("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")
     add("zone", classify_over_headings(zone), "mean")
     mean = np.nanmean(sums, axis=1)
@@ -252,7 +252,7 @@ def _summarize(
     # Among equal values, take the last.
     worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
     for summary, place in (("best", best), ("worst", worst)):
-        for name in kept(summary):
+        for name in names_with(summary):
             values = zone if name == "zone" else layers[name]
             chosen = np.take_along_axis(values, place[:, np.newaxis], axis=1)
             add(name, chosen[:, 0], summary)

@@ -58,17 +58,17 @@ def can_stand(
     # On a wall itself it is left to rounding what a sensor in the robot's centre sees.
     good &= np.asarray(env.clearance(x, y, 2 * TOUCHING)) > TOUCHING
     if env.space is not None:
-        left = np.flatnonzero(good)
-        good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], heading[left])
+        rows = np.flatnonzero(good)
+        good[rows] = _free_in_space(env.space, env.floor, scanner, x[rows], y[rows], heading[rows])
         return good
     mounts = scanner.mounts[:, :2]
     sensors = mounts[np.hypot(*mounts.T) > AT_CENTRE]
-    left = np.flatnonzero(good)
-    if not (len(sensors) and len(left)):
+    rows = np.flatnonzero(good)
+    if not (len(sensors) and len(rows)):
         return good
     sensors, _ = distinct_rows(sensors)
     off = np.hypot(*sensors.T)
-    x, y, heading = x[left], y[left], heading[left]
+    x, y, heading = x[rows], y[rows], heading[rows]
     distance, _, _ = scan_plan(
         env, x, y, heading, np.zeros((len(sensors), 2)),
         np.arctan2(sensors[:, 1], sensors[:, 0]), float(off.max()), incidence=False,
@@ -78,7 +78,7 @@ def can_stand(
     for mx, my in sensors.tolist():
         # Use the rays' own point location, so that every sensor of a remaining pose is inside.
         fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
-    good[left] = fine
+    good[rows] = fine
     return good
 
 
@@ -99,9 +99,9 @@ def _free_in_space(
     reach = float(off.max()) + TOUCHING
     distance, _, _ = space.cast_scans(x, y, heading, outward, reach, incidence=False)
     # A ray that starts in a solid has length nan, for which this comparison is false.
-    apart = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
+    is_clear = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
     drop, _, _ = space.cast_scans(x, y, heading, down, top, incidence=False)
-    return np.asarray(apart.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))
+    return np.asarray(is_clear.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))
 
 
 def standing(

@@ -239,9 +239,9 @@ def neighbourhood_sums(
     # Tile by tile: what a pose is compared with is then still in the cache from the one before.
     rows, columns = rows_columns[poses].T
     order = np.lexsort((columns, rows, columns // TILE, rows // TILE))
-    most = max(INTERRUPT_EVERY // (len(data) * len(offsets) * len(beams.limit)), 1)
-    for low in range(0, len(poses), most):
-        part = order[low : low + most]
+    step = max(INTERRUPT_EVERY // (len(data) * len(offsets) * len(beams.limit)), 1)
+    for low in range(0, len(poses), step):
+        part = order[low : low + step]
         run_rows(
             _sums, len(part), poses, part, first, rows_columns, index, links, planes, STEPS,
             offsets, spacing, data, beams.limit, beams.inverse_cap, beams.use, evidence, tau,

@@ -97,15 +97,15 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
     ends = np.cumsum([len(key) for key in keys])
     _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
     table = np.concatenate(mounts)[first], np.concatenate(keys)[first, 0]
-    own = np.split(beam.ravel(), ends[:-1])
-    groups, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
+    beams_of = np.split(beam.ravel(), ends[:-1])
+    groups, begin, is_cast = [], 0, np.zeros(len(first), dtype=np.bool_)
     for i in range(len(views) + 1):
-        full = i == len(views) or held.sum() + (~held[own[i]]).sum() > most
+        full = i == len(views) or is_cast.sum() + (~is_cast[beams_of[i]]).sum() > most
         if full and i > begin:
-            groups.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
-            begin, held = i, np.zeros_like(held)
+            groups.append(_panorama(range(begin, i), views, beams_of, tuple(sensors), table))
+            begin, is_cast = i, np.zeros_like(is_cast)
         if i < len(views):
-            held[own[i]] = True
+            is_cast[beams_of[i]] = True
     return groups
 
 
@@ -134,25 +134,25 @@ def view_radii(
     every = panoramas(views, MOST_BEAMS)
     noise = model.map_std, model.outlier_share, lattice.environment.has_reflectors
     tables = [BeamTable.of(panorama.scanner, *noise) for panorama in every]
-    own: dict[RangeScanner, BeamTable] = {}
+    subsets: dict[RangeScanner, BeamTable] = {}
     for panorama, table in zip(every, tables, strict=True):
         for row in panorama.rows:
             scanner = views[row.views[0]].scanner
-            if scanner not in own:
-                own[scanner] = table.subset(row.columns)
+            if scanner not in subsets:
+                subsets[scanner] = table.subset(row.columns)
     width = max(len(table.limit) for table in tables)
     order = np.empty(len(lattice.rows_columns), dtype=np.intp)
     order[point] = np.arange(len(point))
     for around in _tiles(lattice, possible, point, model.radius, 20 * width):
         x, y = around.lattice.points
         at = order[around.among[around.poses]]
-        held = np.empty(len(x) * 5 * width, dtype=np.float32)
+        buffer = np.empty(len(x) * 5 * width, dtype=np.float32)
         for panorama, table in zip(every, tables, strict=True):
-            data = held[: len(x) * 5 * len(table.limit)].reshape(1, len(x), 5, -1)
+            data = buffer[: len(x) * 5 * len(table.limit)].reshape(1, len(x), 5, -1)
             panorama_returns(lattice.environment, panorama.scanner, table, x, y, np.zeros(1), data)
             for row in panorama.rows:
                 view = views[row.views[0]]
-                its = own[view.scanner]
+                its = subsets[view.scanner]
                 radii = relative_radii(
                     _at_heading(around, view.standing).sums(
                         _copied(data, table.columns_of(row.columns)),
@@ -181,7 +181,7 @@ def view_beams(view: View, sensors: dict[RangeSensor, int]) -> tuple[Floats, Int
 def _panorama(
     numbers: range,
     views: Sequence[View],
-    own: Sequence[Numbers],
+    beams_of: Sequence[Numbers],
     sensors: tuple[RangeSensor, ...],
     table: tuple[Floats, Ints],
 ) -> Panorama:
@@ -190,13 +190,13 @@ def _panorama(
     Beams stand in the order in which the views use them: what is copied out of the returns for
     one view lies side by side, which takes a quarter of the time.
     """
-    used, first = np.unique(np.concatenate([own[i] for i in numbers]), return_index=True)
+    used, first = np.unique(np.concatenate([beams_of[i] for i in numbers]), return_index=True)
     used = used[np.argsort(first)]
     column = np.empty(len(table[0]), dtype=np.intp)
     column[used] = np.arange(len(used))
     rows: dict[object, tuple[list[int], Numbers]] = {}
     for i in numbers:
-        columns = column[own[i]]
+        columns = column[beams_of[i]]
         same = columns.tobytes(), views[i].tau, views[i].standing
         rows.setdefault(same, ([], columns))[0].append(i)
     beams = table[0][used]
@@ -217,14 +217,14 @@ def _tiles(
     lattice: Lattice, possible: Bools, point: Ints, radius: float, bytes_per_pose: int
 ) -> Iterator[Neighbourhoods]:
     """Yield compact groups of poses, with their neighbours."""
-    left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
-    while left:
-        cluster = left.pop()
+    clusters = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
+    while clusters:
+        cluster = clusters.pop()
         chosen = np.zeros(len(lattice.rows_columns), dtype=np.bool_)
         chosen[cluster] = True
         around = Neighbourhoods.around(lattice, possible, chosen, radius)
         if len(cluster) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
-            left += [cluster[len(cluster) // 2 :], cluster[: len(cluster) // 2]]
+            clusters += [cluster[len(cluster) // 2 :], cluster[: len(cluster) // 2]]
         else:
             yield around
 

@@ -224,15 +224,15 @@ def pose_sums(
     cap = -np.log(odd)
     for b in range(scanner.beams):
         cap[b] = most_evidence(odd[b], finest_std(sensors[b], model))
-    here = beams(env, scanner, model, x, y, theta)
+    at_pose = beams(env, scanner, model, x, y, theta)
     weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
     cells = reachable(
         env, x, y, spacing, model.radius, lambda a, b: stands(env, scanner, model, a, b, theta)
     )
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
-        there = beams(env, scanner, model, x + step[0], y + step[1], theta)
-        alike, offset, S = compare(here, there, limit, cap, model.tau, C)
+        beside = beams(env, scanner, model, x + step[0], y + step[1], theta)
+        alike, offset, S = compare(at_pose, beside, limit, cap, model.tau, C)
         to = step + offset[:2]
         weight += alike
         alike_moment += alike * (np.outer(to, to) + S[:2, :2])

@@ -276,7 +276,7 @@ def pose_returns(
     rays = scanner.rays(env.space is not None)
     check_rays(env, rays.height, rays.elevation)
     which = np.arange(len(rays))[None]
-    _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
+    _, first, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
     kind = env.surface_kind
     step = max(RAYS_AT_ONCE // len(rays), 1)
     for low in range(0, len(x), step):
@@ -290,7 +290,7 @@ def pose_returns(
             _pose_returns, len(distance), distance, segment, incidence, which,
             env.surface_normals, kind == FRONTIER, rays.origin, rays.angle, rays.elevation,
             rays.edge, np.ascontiguousarray(theta[part]), rays.start, rays.max_incidence,
-            table.nearest, table.limit, sensor, table.spread[own], table.bias[own], data[None],
+            table.nearest, table.limit, sensor, table.spread[first], table.bias[first], data[None],
             low, least=128,
         )  # fmt: skip
         if len(table.intensity):
@@ -353,13 +353,13 @@ def panorama_returns(
     which = np.arange(len(cast)).reshape(angle.shape)
     if len(headings) > 1 or len(scanner.sensors) > 1:
         key = np.column_stack([cast[:, 0] % (2.0 * math.pi), cast[:, 1:]])
-        _, kept, same = np.unique(
+        _, first_same, same = np.unique(
             np.round(key / SAME_RAY), axis=0, return_index=True, return_inverse=True
         )
-        cast, which = cast[kept], same.reshape(angle.shape)
+        cast, which = cast[first_same], same.reshape(angle.shape)
     # One table per sensor, not per beam, so that they stay in the first-level cache.
-    _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
-    spread, bias = table.spread[own], table.bias[own]
+    _, by_sensor, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
+    spread, bias = table.spread[by_sensor], table.bias[by_sensor]
     step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
     normals, kind = env.surface_normals, env.surface_kind

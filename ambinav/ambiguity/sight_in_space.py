@@ -81,8 +81,8 @@ def _look(
         pose, ray = np.nonzero(face >= 0)
         origin = _placed(x[part[pose]], y[part[pose]], theta, table[ray])
         for turn in (0.0, -GRAZE, GRAZE):
-            left = ~seen[part[pose]]
-            pose, ray, origin = pose[left], ray[left], origin[left]
+            is_unseen = ~seen[part[pose]]
+            pose, ray, origin = pose[is_unseen], ray[is_unseen], origin[is_unseen]
             look = _directions(theta + turn, table[ray])
             distance, _ = prisms.cast(origin, look, far)
             seen[part[pose[distance >= nearest[pose, ray] - HIDDEN]]] = True

@@ -159,11 +159,11 @@ def _board(
     )
     suites, tasks = episode_options.suite or [], episode_options.task or []
     chosen = chosen_suites(suites, tasks)
-    named = [name for entry in chosen for name in entry.planners]
+    names = [name for entry in chosen for name in entry.planners]
     policies = [*(methods.policy or []), *(p for entry in chosen for p in entry.policies or ())]
     shipped = not chosen or any(entry.policies is None for entry in chosen)
     return Board(
-        all_methods(methods.planner or named, policies, trust=methods.trust, shipped=shipped),
+        all_methods(methods.planner or names, policies, trust=methods.trust, shipped=shipped),
         settings_for(
             episode_options.map_file or [], buildings, suites, tasks, **building.reading()
         ),

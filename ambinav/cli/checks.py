@@ -31,8 +31,8 @@ def naming_options(*names: str, **options: str | Callable[[int], str]) -> Iterat
 
     Args:
         names: Parameters whose options have their names.
-        options: Other options, by their parameters; of one that is a sequence a function from an
-            index to what its item is called, which is used for the items alone.
+        options: Other options, by their parameters; for a sequence, a function from an index to
+            the name of that item, which is used for the items alone.
     """
     option_of = {name: option_name(name) for name in names} | options
     try:

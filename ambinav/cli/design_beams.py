@@ -196,11 +196,11 @@ def _check_memory(sampled: SampleOptions, scanner: RangeScanner, maps: int) -> N
     about = len(disc(sampled.radius, sampled.spacing))
     place = 2 * maps * about * 5 * 4 * scanner.beams
     if place * sampled.places > MOST_BYTES:
-        most = max(int(MOST_BYTES / place), 1)
+        max_places = max(int(MOST_BYTES / place), 1)
         raise InputError(
             f"--places: {sampled.places} places of {maps} maps take "
             f"{place * sampled.places / 1e9:.1f} GB with the {scanner.beams} beams of "
-            f"{scanner.name!r}; give at most {most}, or a wider --spacing."
+            f"{scanner.name!r}; give at most {max_places}, or a wider --spacing."
         )
 
 

@@ -179,7 +179,7 @@ def scanners(
         finish(report, _show, STUDY.page(output), as_json=as_json)
 
 
-def _scanner_names(named: list[str], every: bool) -> list[str]:
+def _scanner_names(chosen: list[str], every: bool) -> list[str]:
     """Return the names of presets and files.
 
     Raises:
@@ -187,21 +187,21 @@ def _scanner_names(named: list[str], every: bool) -> list[str]:
     """
     from ambinav.sensing.presets import preset_names
 
-    if not (named or every):
+    if not (chosen or every):
         raise InputError(
             "--scanner: none is given; name some with --scanner, or take all presets with --all."
         )
     # A preset that is also named is compared once.
-    return [*named, *(name for name in preset_names() if name not in named)] if every else named
+    return [*chosen, *(name for name in preset_names() if name not in chosen)] if every else chosen
 
 
 def _without_third_dimension(
-    scanners: Sequence[RangeScanner], named: list[str]
+    scanners: Sequence[RangeScanner], chosen: list[str]
 ) -> tuple[RangeScanner, ...]:
     """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
-    named_scanners = {RangeScanner.load(name).name for name in named}
+    named_scanners = {RangeScanner.load(name).name for name in chosen}
     left_out = [
         scanner.name
         for scanner in scanners

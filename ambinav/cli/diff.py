@@ -75,13 +75,13 @@ def diff(
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
             _refuse_building_options(building, map_options, space)
-        for place, other in ((first, second), (second, first)):
-            if _is_map(place) and not _is_map(other):
+        for place, other_place in ((first, second), (second, first)):
+            if _is_map(place) and not _is_map(other_place):
                 map_options = _as_made(place, map_options)
         with progress_bars(as_json) as bars:
             amaps = [
-                _open(path, named, building, map_options, space, bars(f"map {letter}"))
-                for path, named, letter in zip((first, second), scanners, "AB", strict=True)
+                _open(path, scanner_name, building, map_options, space, bars(f"map {letter}"))
+                for path, scanner_name, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
         result = difference(first_map, second_map, wall_tolerance=wall_tolerance)
@@ -104,8 +104,8 @@ def _check_scanners(
     Raises:
         InputError: they do not.
     """
-    for path, named in zip(paths, scanners, strict=True):
-        if not _is_map(path) and named is None:
+    for path, scanner_name in zip(paths, scanners, strict=True):
+        if not _is_map(path) and scanner_name is None:
             raise InputError(
                 f"{path}: this is not an ambiguity map; give a building with --scanner PRESET, or "
                 "a map made by `ambinav map`."

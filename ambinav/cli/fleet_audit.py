@@ -161,13 +161,13 @@ def audit_fleet(
 def _show_part(results: Sequence[UnitDone], part: Batch, *, quiet: bool) -> None:
     from ambinav.reports.pages import counted
 
-    _note_failed([done.result for done in results])
+    _note_failed([unit.result for unit in results])
     if quiet:
         return
-    made = sum(done.was_made for done in results)
-    there = f", {len(results) - made} were there" if made < len(results) else ""
+    made = sum(unit.was_made for unit in results)
+    reused_text = f", {len(results) - made} were there" if made < len(results) else ""
     show(
-        f"Part {part}: {counted(made, 'audit')} made{there}.",
+        f"Part {part}: {counted(made, 'audit')} made{reused_text}.",
         "When all parts have ended, the same command without --batch writes the report.",
     )
 
@@ -183,7 +183,7 @@ def _judge(
     """
     from ambinav.studies.fleet.gate import judge_fleet, names_of
 
-    results = [done.result for done in fleet.results]
+    results = [unit.result for unit in fleet.results]
     if len(fleet.failed) == len(results):
         why = f"none of {len(results)} audits succeeded; the first one: {results[0].error}"
         unchecked = [(condition, why) for condition in conditions]
@@ -227,10 +227,10 @@ def _show(fleet: Fleet) -> None:
     from ambinav.reports.number_text import metres2, percent
 
     reused = len(fleet.results) - fleet.made
-    there = f", {reused} were there" if reused else ""
+    reused_text = f", {reused} were there" if reused else ""
     show(
         fleet.document.summary,
-        f"{fleet.made} {'audit' if fleet.made == 1 else 'audits'} made{there}",
+        f"{fleet.made} {'audit' if fleet.made == 1 else 'audits'} made{reused_text}",
         "",
     )
     rows = sorted(

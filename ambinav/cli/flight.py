@@ -64,7 +64,7 @@ def plan_flight(
     cost: CostOptions,
     robot: RobotOptions,
     result: ResultOptions,
-    others: tuple[Any, ...],
+    plane_options: tuple[Any, ...],
     trust: bool,
     as_json: bool,
 ) -> None:
@@ -78,14 +78,14 @@ def plan_flight(
         cost: Layer and weight.
         robot: Size of the sphere or cylinder.
         result: Picture.
-        others: Groups of options none of which applies in space.
+        plane_options: Groups of options none of which applies in space.
         trust: Does not apply either.
         as_json: Print JSON.
 
     Raises:
         InputError: an option does not apply in space, or something cannot be used.
     """
-    groups = (search, cost, robot, result, *others)
+    groups = (search, cost, robot, result, *plane_options)
     refused = [
         option_name(field.name)
         for group in groups

@@ -57,8 +57,8 @@ def forecast(
             save_figure(plot_forecast(amap, result), picture)
         if as_json:
             document = forecast_document(result, robot.odometry or ODOMETRY)
-            more = {} if picture is None else {"picture": str(picture)}
-            typer.echo(json.dumps(document | more, indent=2))
+            picture_entry = {} if picture is None else {"picture": str(picture)}
+            typer.echo(json.dumps(document | picture_entry, indent=2))
             return
         show(result.sentence)
         if result.reliability is None:

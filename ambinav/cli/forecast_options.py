@@ -113,14 +113,14 @@ class ForecastOptions(LocalizerOptions):
             )
 
     def forecaster(
-        self, amap: AmbiguityMap, routes: Sequence[Route] | None = None, **more: Any
+        self, amap: AmbiguityMap, routes: Sequence[Route] | None = None, **overrides: Any
     ) -> Forecaster:
         """Make the forecaster of a map.
 
         Args:
             amap: The map.
             routes: See `Forecaster`.
-            more: Further arguments of it, in the place of these options.
+            overrides: Further arguments of it, in the place of these options.
         """
         from ambinav.forecasting.forecast import Forecaster
 
@@ -129,5 +129,5 @@ class ForecastOptions(LocalizerOptions):
             "lateral_limit": self.lateral_limit,
             "heading_limit": None if self.heading_limit is None else radians(self.heading_limit),
         }
-        given = {name: limit for name, limit in limits.items() if limit is not None}
-        return Forecaster(amap, routes=routes, **{**self.names, **given, **more})
+        limits_given = {name: limit for name, limit in limits.items() if limit is not None}
+        return Forecaster(amap, routes=routes, **{**self.names, **limits_given, **overrides})

@@ -163,7 +163,7 @@ class AuditGate(Gate):
 
     fail_if: Annotated[list[str] | None, _fail_if(AUDIT)] = None
 
-    def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
+    def aliasing(self, conditions: tuple[Condition, ...], is_requested: bool | None) -> bool | None:
         """Return whether to search for perceptual aliasing: a condition may require it.
 
         Raises:
@@ -172,11 +172,11 @@ class AuditGate(Gate):
         from ambinav.studies.audit.figures import ALIASING
 
         about = [condition for condition in conditions if condition.quantity.name in ALIASING]
-        if about and wanted is False:
+        if about and is_requested is False:
             raise InputError(
                 f'--fail-if: "{about[0]}" is about perceptual aliasing; leave --no-aliasing out.'
             )
-        return True if about else wanted
+        return True if about else is_requested
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,8 +77,8 @@ def build(
         amap.save(output)
         note_unjudged(amap)
         if as_json:
-            named = {"environment": environment.name, "scanner": chosen.name}
-            figures = {"output": output, **named, **_figures(amap)}
+            names = {"environment": environment.name, "scanner": chosen.name}
+            figures = {"output": output, **names, **_figures(amap)}
             typer.echo(json.dumps({**figures, "seconds": round(seconds, 3)}, indent=2))
         else:
             typer.echo(repr(amap))
@@ -92,8 +92,8 @@ def note_unjudged(amap: AmbiguityMap) -> None:
 
     areas = [*amap.judged.areas().values()]
     if not areas[0] and amap.free_area:
-        named = zip(areas[1:], REASONS[1:], strict=True)
-        reasons = ", ".join(f"{metres2(area)} {reason}" for area, reason in named if area)
+        area_reasons = zip(areas[1:], REASONS[1:], strict=True)
+        reasons = ", ".join(f"{metres2(area)} {reason}" for area, reason in area_reasons if area)
         note(f"none of the {metres2(amap.free_area)} of free floor is judged: {reasons}.")
 
 

@@ -259,8 +259,8 @@ class MapOptions:
         needs = self.estimate(environment, scanner).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
             return
-        most = LONG_SECONDS / heights
-        wider = coarser(environment, scanner, spacing, radius, self.headings, most)
+        max_seconds = LONG_SECONDS / heights
+        wider = coarser(environment, scanner, spacing, radius, self.headings, max_seconds)
         remedy = (
             "" if wider is None else f"; with --spacing {wider.spacing:g} {wider.times(heights)}"
         )

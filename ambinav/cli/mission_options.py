@@ -81,7 +81,7 @@ def _points(texts: list[str] | None, option: str) -> list[Point]:
 
 
 def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:
-    """Return what is printed of a mission: stops with their metres, and the goal.
+    """Return the printed lines of a mission: stops with their metres, and the goal.
 
     Args:
         visited: The mission's route.

@@ -234,11 +234,11 @@ class PlanCall:
         if planned.forecaster is None:
             planned.forecaster = self._forecaster(amap, list(planned.routes.values()))
         if self.promise.measures_share:
-            others = {
+            undriven = {
                 name: route for name, route in planned.routes.items() if name not in planned.driven
             }
             planned.driven |= self.promise.drive(
-                planned.planner, others, planned.forecaster, self.search.seed
+                planned.planner, undriven, planned.forecaster, self.search.seed
             )
         odometry = self.belief.odometry_text(self.forecast.odometry or ODOMETRY)
         return LostFigures.of(planned.routes, planned.forecaster, odometry, planned.driven)

@@ -90,9 +90,9 @@ class SearchOptions:
         return [option for option, is_given in options.items() if is_given]
 
     def check_budget(self, drives: bool) -> None:
-        """Refuse limits of a planner that is named and does not look at them.
+        """Refuse limits that have no effect on the named planner.
 
-        What `auto` chooses may be random or not: there they are for the one that is.
+        `auto` may choose a random planner or a deterministic one: its limits are for the former.
 
         Args:
             drives: See `budget`.
@@ -324,10 +324,10 @@ class BeliefOptions:
         arguments = {"odometry": self._noise(), "start_std": start}
         return {name: value for name, value in arguments.items() if value is not None}
 
-    def odometry_text(self, named: str) -> str:
+    def odometry_text(self, default_name: str) -> str:
         """Return what to call the odometry, unless it is a named one."""
         scale = self.odometry_scale
-        return named if scale is None else f"{scale:g} times amcl-default"
+        return default_name if scale is None else f"{scale:g} times amcl-default"
 
     def _noise(self) -> OdometryNoise | None:
         from ambinav.drive.noise import OdometryNoise

@@ -249,7 +249,7 @@ def _distinct_routes(front: ParetoFront) -> dict[str, Route]:
     for point in front.points:
         route = point.route
         line = shapely.LineString(route.steering.dense(route.poses, SAME_ROUTE / 2)[0][:, :2])
-        if all(shapely.hausdorff_distance(line, other) > SAME_ROUTE for other in lines):
+        if all(shapely.hausdorff_distance(line, kept_line) > SAME_ROUTE for kept_line in lines):
             distinct[_name(point.weight)] = route
             lines.append(line)
     return distinct

@@ -152,14 +152,14 @@ def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Stages]:
         stages: Approximate duration of each, seconds, in order.
     """
     total = max(sum(stages.values()), 1e-9)
-    done = dict.fromkeys(stages, 0.0)
+    stage_done = dict.fromkeys(stages, 0.0)
     with progress_bars(quiet) as bars:
         full_bar = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
 
         def start(name: str) -> Progress:
             def report(fraction: float) -> None:
-                done[name] = fraction * stages[name]
-                full_bar(sum(done.values()) / total)
+                stage_done[name] = fraction * stages[name]
+                full_bar(sum(stage_done.values()) / total)
 
             return report
 
@@ -178,10 +178,10 @@ class _ProgressLines:
         now = time.monotonic()
         if now - self._last >= LINE_SECONDS:
             self._last = now
-            taken = now - self._started
-            left = f", about {taken * (1.0 / fraction - 1.0):.0f} s left"
-            left = left if fraction >= ESTIMATED_FROM else ""
-            say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {taken:.0f} s{left}")
+            elapsed = now - self._started
+            estimate = f", about {elapsed * (1.0 / fraction - 1.0):.0f} s left"
+            estimate = estimate if fraction >= ESTIMATED_FROM else ""
+            say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {elapsed:.0f} s{estimate}")
 
 
 def check_writable(output: Path) -> None:
@@ -236,7 +236,7 @@ def check_file(output: Path) -> None:
 
 
 def check_apart(output: Path, *inputs: str | Path | None) -> None:
-    """Check that a command does not write over what it reads.
+    """Check that a command does not overwrite its own input.
 
     Raises:
         InputError: an input is the same file.

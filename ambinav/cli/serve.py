@@ -171,5 +171,5 @@ def _listen(host: str, port: int) -> socket.socket:
 
 def _many_connections() -> None:
     """Raise the limit of open files to the maximum: each connection needs one."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard_limit, hard_limit))

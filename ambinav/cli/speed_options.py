@@ -121,8 +121,8 @@ class SpeedOptions:
         from ambinav.routes.clock import SpeedLimits
 
         names = ("max_speed", "acceleration", "max_turn_rate", "lateral_acceleration")
-        given = {name: getattr(self, name) for name in names}
-        return SpeedLimits(**{name: value for name, value in given.items() if value is not None})
+        values = {name: getattr(self, name) for name in names}
+        return SpeedLimits(**{name: value for name, value in values.items() if value is not None})
 
     def rule(self, radius: float) -> BrakingRule:
         """Return the rule by which the error bounds the speed of a robot."""
@@ -197,7 +197,7 @@ class SpeedOptions:
         }, {name: rule.creep_metres(bound) for name, bound in bounds.items() if rule}
 
     def minimised(self, routes: Mapping[str, Route], service: AmbiguityService) -> dict[str, float]:
-        """Return the seconds that minimum time minimises, of each route; none without it."""
+        """Return the minimised seconds of each route; empty unless time is minimised."""
         fastest = self.limits.max_speed
         return {
             name: service.route_cost(route.poses, route.steering) / fastest
@@ -206,7 +206,7 @@ class SpeedOptions:
         }
 
     def lines(self, creep: Mapping[str, float]) -> list[str]:
-        """Return what is printed of routes that leave no room to stop."""
+        """Return the printed lines about routes that leave no room to stop."""
         return [
             f"{name}: {metres:.1f} m leave no room to stop at {self._sigmas:g} standard "
             f"deviations, driven at {self._creep:g} m/s"

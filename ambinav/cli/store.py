@@ -138,19 +138,19 @@ def prune_maps(
         from ambinav.store.upkeep import entries_of, prune
 
         place = MapStore.of_user()
-        most = place.limit if limit is None else parse_size(limit, "--limit")
-        count, size = prune(place, most, other_code=other_code, every=every)
-        left = entries_of(place)
+        max_bytes = place.limit if limit is None else parse_size(limit, "--limit")
+        count, size = prune(place, max_bytes, other_code=other_code, every=every)
+        remaining = entries_of(place)
         if as_json:
             result = {
                 "removed": count,
                 "removed_bytes": size,
-                "left": len(left),
-                "left_bytes": sum(entry.size for entry in left),
+                "left": len(remaining),
+                "left_bytes": sum(entry.size for entry in remaining),
             }
             typer.echo(json.dumps(result, indent=2))
         else:
-            typer.echo(f"{count} removed ({size_text(size)}), {len(left)} left")
+            typer.echo(f"{count} removed ({size_text(size)}), {len(remaining)} left")
 
 
 def _row(entry: Kept) -> dict[str, Any]:

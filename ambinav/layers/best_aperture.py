@@ -81,8 +81,8 @@ def best_aperture(
         for i in {aperture_of[number] for number in numbers}:
             least[i, at] = np.fmin(least[i, at], level)
     around_level = np.where(np.isfinite(least[-1]), least[-1], np.nan)
-    enough = least <= around_level + loss + SAME
-    smallest = np.degrees(np.array(apertures))[enough.argmax(axis=0)]
+    is_sufficient = least <= around_level + loss + SAME
+    smallest = np.degrees(np.array(apertures))[is_sufficient.argmax(axis=0)]
     return {
         "best_aperture": context.spread(np.where(np.isnan(around_level), np.nan, smallest)),
         "best_aperture_around": context.spread(around_level),

@@ -86,9 +86,9 @@ def layered(
     context = LayerContext.of(amap, environment)
     added: dict[str, xr.DataArray] = {}
     for done, layer in enumerate(chosen):
-        given = dict(options.get(layer.name, {}))
+        kwargs = dict(options.get(layer.name, {}))
         with LAYERS.calling(layer.name):
-            added |= layer_variables(layer, context, layer.compute(context, **given), given)
+            added |= layer_variables(layer, context, layer.compute(context, **kwargs), kwargs)
         progress((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
     return AmbiguityMap(dataset.assign(added), source=amap.source)
@@ -100,12 +100,12 @@ def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
     for layer in chosen:
         ours = f"{layer.name}_"
         # Layers of other names that begin with this one's, as a user may choose them.
-        others = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
+        stems = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
         leftovers |= {
             name
             for name in amap.layers
             if name.startswith(ours)
-            and not f"{name}_".startswith(others)
+            and not f"{name}_".startswith(stems)
             and "source" in amap.dataset[name].attrs
         }
     return leftovers

@@ -167,7 +167,7 @@ def coastal_entropy(context: LayerContext, *, people: float = PEOPLE) -> dict[st
             )  # fmt: skip
             run_rows(
                 _entropies, band.end - band.begin, band.begin, around,
-                _known(data, table, share, people), comparison, evidences, posterior,
+                _reweighted(data, table, share, people), comparison, evidences, posterior,
                 results[h, band.begin : band.end], least=8,
             )  # fmt: skip
     entropy, gain = (context.spread(values) for values in np.ascontiguousarray(results.T))
@@ -219,8 +219,8 @@ def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
     fits = (1.0 - odd) * normal / mixed
     # rho' = z fits and fits' = - z fits (1 - fits).
     bend = fits * (1.0 - NOISE**2 * (1.0 - fits))
-    most = weight @ (np.log(mixed) - math.log(floor))
-    return (1.0 - odd) * float(weight @ bend), (1.0 - odd) * float(most)
+    full_evidence = weight @ (np.log(mixed) - math.log(floor))
+    return (1.0 - odd) * float(weight @ bend), (1.0 - odd) * float(full_evidence)
 
 
 def _known_pose(context: LayerContext) -> tuple[Floats32, Floats32]:
@@ -233,16 +233,16 @@ def _known_pose(context: LayerContext) -> tuple[Floats32, Floats32]:
     # The density of intensities is unknown: an odd one is as likely as any other.
     pairs = np.vstack([np.column_stack([odd, floor]), np.column_stack([odd[table.intensity]] * 2)])
     kinds, which = np.unique(pairs, axis=0, return_inverse=True)
-    known = np.ones((len(table.limit), 2))  # padding has any
-    known[: len(pairs)] = np.array([expected_evidence(*kind) for kind in kinds.tolist()])[
+    share_and_cap = np.ones((len(table.limit), 2))  # padding has any
+    share_and_cap[: len(pairs)] = np.array([expected_evidence(*kind) for kind in kinds.tolist()])[
         which.reshape(-1)
     ]
-    share, cap = known.T.astype(np.float32)
+    share, cap = share_and_cap.T.astype(np.float32)
     return share, 1.0 / cap
 
 
 def _evidence(table: BeamTable, share: Floats32) -> Floats32 | None:
-    """Return the evidence table for the variance of `_known`, or None if all bins are fine.
+    """Return the evidence table for the variance of `_reweighted`, or None if all bins are fine.
 
     One row a beam. A difference of z deviations is there one of z sqrt(2 share).
     """
@@ -253,19 +253,19 @@ def _evidence(table: BeamTable, share: Floats32) -> Floats32 | None:
     # As in `evidence_table`.
     z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
     rows = []
-    for wide, kept in kinds.tolist():
-        apart = z / math.sqrt(2.0 * kept)
-        rows.append(evidence(apart, wide) / (apart * apart / 4.0))
+    for wide, evidence_share in kinds.tolist():
+        scaled = z / math.sqrt(2.0 * evidence_share)
+        rows.append(evidence(scaled, wide) / (scaled * scaled / 4.0))
     return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
 
-def _known(data: Floats32, table: BeamTable, share: Floats32, people: float) -> Floats32:
+def _reweighted(data: Floats32, table: BeamTable, share: Floats32, people: float) -> Floats32:
     """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
-    met = np.float32(people) * np.minimum(data[:, 0], table.limit)
+    people_met = np.float32(people) * np.minimum(data[:, 0], table.limit)
     # A person in front of a beam hides its intensity too.
-    met[:, table.beams : table.columns] = met[:, table.intensity]
-    data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
+    people_met[:, table.beams : table.columns] = people_met[:, table.intensity]
+    data[:, 4] *= np.exp(np.minimum(people_met, CROWD)) / (np.float32(2.0) * share)
     return data
 
 

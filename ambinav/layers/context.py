@@ -231,9 +231,9 @@ class LayerContext:
         return full
 
     def keep(self, name: str, key: object, make: Callable[[], Cast]) -> Cast:
-        """Return what `make` gives, from an earlier call where that had the same key.
+        """Return the result of `make`, cached from the last call if that had the same key.
 
-        Only the latest of each kind is kept, so that layers computed in a row share it.
+        Only the latest result of each name is kept: layers computed in succession share it.
         """
         entry = self._cache.get(name)
         if entry is None or entry[0] != key:
@@ -246,8 +246,8 @@ class LayerContext:
 
 def _thinned(scanner: RangeScanner, used: int, source: str) -> RangeScanner:
     """Return the scanner with the beams a map was made with; the map stores only their number."""
-    for most in range(used, scanner.beams + 1):
-        thinned = scanner.thinned(most)
+    for beam_count in range(used, scanner.beams + 1):
+        thinned = scanner.thinned(beam_count)
         if thinned.beams == used:
             return thinned
     raise InputError(

@@ -107,15 +107,15 @@ def rank_masks(
     for low in range(0, len(x), BATCH):
         part = slice(low, low + BATCH)
         # A wall within a step counts even where it is out of the rays' range.
-        own, bare = _cast(context, x[part], y[part], max(max_range, step), height)
+        ranges, bare = _cast(context, x[part], y[part], max(max_range, step), height)
         beside = []
         for (i, j), rays in zip(AXES, TOWARDS, strict=True):
-            there, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range, height)
-            there[~(bare[:, rays] > step)] = np.inf
-            beside.append(there)
-        own[own > max_range] = np.inf
+            neighbour, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range, height)
+            neighbour[~(bare[:, rays] > step)] = np.inf
+            beside.append(neighbour)
+        ranges[ranges > max_range] = np.inf
         run_rows(
-            _ranks, len(own), own, *beside, np.cos(angles), np.sin(angles), step, tolerance,
+            _ranks, len(ranges), ranges, *beside, np.cos(angles), np.sin(angles), step, tolerance,
             masks[part], least=64,
         )  # fmt: skip
     return masks
@@ -147,9 +147,9 @@ def share(masks: UInts, heading: ArrayLike, aperture: float) -> Floats:
         aperture: Its full angle, radians; it holds at least the direction nearest to its middle.
     """
     middle = np.mod(np.asarray(heading, dtype=np.float64) / TURN, DIRECTIONS)
-    apart = np.abs(np.arange(DIRECTIONS) - middle[..., np.newaxis])
-    apart = np.minimum(apart, DIRECTIONS - apart)
-    seen = apart <= np.maximum(aperture / 2.0 / TURN + 1e-9, apart.min(axis=-1, keepdims=True))
+    delta = np.abs(np.arange(DIRECTIONS) - middle[..., np.newaxis])
+    delta = np.minimum(delta, DIRECTIONS - delta)
+    seen = delta <= np.maximum(aperture / 2.0 / TURN + 1e-9, delta.min(axis=-1, keepdims=True))
     windows = np.packbits(seen, axis=-1, bitorder="little").view("<u8")[..., 0]
     return np.asarray(np.bitwise_count(masks & windows) / np.bitwise_count(windows))
 
@@ -176,9 +176,9 @@ def _view(scanner: RangeScanner, heading: float, in_space: bool) -> Floats:
     # Within a fan a beam stands for half the angle to the next; where none is near, for a step.
     half = np.clip(np.minimum(gap, np.roll(gap, 1)) / 2.0, TURN / 2.0, TURN)
     direction = TURN * np.arange(DIRECTIONS) - heading
-    apart = np.abs(np.mod(direction[:, np.newaxis] - yaw + math.pi, 2 * math.pi) - math.pi)
-    nearest = apart.argmin(axis=1)
-    within = apart[np.arange(DIRECTIONS), nearest] <= half[nearest] + 1e-9
+    offset = np.abs(np.mod(direction[:, np.newaxis] - yaw + math.pi, 2 * math.pi) - math.pi)
+    nearest = offset.argmin(axis=1)
+    within = offset[np.arange(DIRECTIONS), nearest] <= half[nearest] + 1e-9
     return np.where(within[:, None], np.column_stack([limit, height])[nearest], 0.0)
 
 

@@ -12,13 +12,12 @@ Our own reading: the grid is made from the walls, and rays are followed smoothly
 (`occupancy`); differences are central; the beams are those of the map, thinned. The layer is the
 radius in metres along the weak axis of the xy block of the inverse, theta marginalised, under the
 prior that `fisher` has. Their index, about x, y and theta, is kept beside it as
-localizability_determinant: in a corridor it is a product of two large numbers and one that is 0 but
-for what the grid's roughness leaves, and so differs by orders with the angle at which the corridor
-lies on the grid. Where the robot cannot stand a step
-to one side, the difference is from the pose itself to the other. A beam that more likely than not
-ends in unknown space tells nothing. In a building of prisms the grid has levels (`voxels`). A beam
-with a cone reads the smallest of its rays' expected ranges; that oblique surfaces return no echo to
-it is not in the grid.
+localizability_determinant: in a corridor it is a product of two large numbers and one that is 0
+except for the roughness of the grid, and so differs by orders of magnitude with the angle between
+corridor and grid. Where the robot cannot stand a step to one side, the difference is from the pose
+itself to the other side. A beam that more likely than not ends in unknown space contributes
+nothing. In a building of prisms the grid has levels (`voxels`). A beam with a cone reads the
+smallest of its rays' expected ranges; the grid does not model that oblique surfaces return no echo.
 """
 
 from __future__ import annotations

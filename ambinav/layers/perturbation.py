@@ -107,12 +107,12 @@ def perturbation(
     inverse_cap = context.table.inverse_cap[:beams].astype(np.float64)
     free = free_lengths(context, size)
     tensor = np.zeros((len(context.headings), 3, len(context.points[0])))
-    most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
+    rows_at_once = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
     for h in range(len(context.headings)):
         rows = np.flatnonzero(context.possible[:, h])
         poses = context.poses(h).round(DECIMALS)
-        for low in range(0, len(rows), most):
-            part = rows[low : low + most]
+        for low in range(0, len(rows), rows_at_once):
+            part = rows[low : low + rows_at_once]
             run_rows(
                 _errors, len(part), part, poses, free, cast, farther, noise, inverse_cap, size,
                 context.model.sigma_theta, tau, iterations, tensor[h], least=16,

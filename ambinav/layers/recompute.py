@@ -96,13 +96,13 @@ class Changed:
             far_around = (around[0] - far, around[1] - far, around[2] + far, around[3] + far)
             window = self.environment.window(far_around)
             part = self.computed(layer, AmbiguityMap(crop), window or self.environment)
-            low, left = wide_rows.start, wide_columns.start
-            own = (
-                slice(rows.start - low, rows.stop - low),
-                slice(columns.start - left, columns.stop - left),
+            first_row, first_column = wide_rows.start, wide_columns.start
+            core = (
+                slice(rows.start - first_row, rows.stop - first_row),
+                slice(columns.start - first_column, columns.stop - first_column),
             )
             for name in names:
-                merged[name][rows, columns] = part.dataset[name].values[own]
+                merged[name][rows, columns] = part.dataset[name].values[core]
         old = self.old.dataset
         return {
             name: xr.DataArray(values, dims=old[name].dims, attrs=old[name].attrs)

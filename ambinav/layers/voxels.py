@@ -67,10 +67,10 @@ def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) 
     near = edges[(edges > low - 2.0 * reach) & (edges < high + 2.0 * reach)]
     steps = np.arange(-math.ceil(reach / cell), math.ceil(reach / cell) + 1) * cell
     heights = np.unique(np.append((near[:, None] + steps).ravel(), (low - reach, high + reach)))
-    kept = heights[(heights >= low - reach) & (heights <= high + reach)]
+    within_reach = heights[(heights >= low - reach) & (heights <= high + reach)]
     # Two that nearly coincide are one, unless an edge needs it: a surface lies on a level.
-    apart = np.append(True, np.diff(kept) > 0.5 * cell) | np.isin(kept, near)
-    return np.asarray(kept[apart])
+    is_distinct = np.append(True, np.diff(within_reach) > 0.5 * cell) | np.isin(within_reach, near)
+    return np.asarray(within_reach[is_distinct])
 
 
 def voxels(environment: Environment, prisms: Prisms, cell: float, blur: float, z: Floats) -> Voxels:
@@ -132,8 +132,8 @@ class _Plan:
         walls = prisms.walls.kind != FRONTIER
         distance = self._to_walls(walls, z, reach)
         for side in (0, 1):
-            for off, here in _groups(np.abs(self._z[:, side] - z), reach):
-                distance[self._over(here)] = np.minimum(distance[self._over(here)], off)
+            for off, solids in _groups(np.abs(self._z[:, side] - z), reach):
+                distance[self._over(solids)] = np.minimum(distance[self._over(solids)], off)
         for plane in (prisms.floor, prisms.ceiling):
             if abs(plane - z) < reach:
                 distance = np.minimum(distance, abs(plane - z))
@@ -153,8 +153,8 @@ class _Plan:
         height, walls = self._prisms.wall_z, self._prisms.walls
         off = np.maximum(np.maximum(height[:, 0] - z, z - height[:, 1]), 0.0)
         distance = np.full(len(self._x), reach)
-        for above, here in _groups(np.where(which, off, np.inf), reach):
-            flat = to_segments(walls, here, self._x, self._y, reach)
+        for above, walls_here in _groups(np.where(which, off, np.inf), reach):
+            flat = to_segments(walls, walls_here, self._x, self._y, reach)
             if above > 0.0:
                 flat = np.hypot(flat, above)
             distance = np.minimum(distance, flat)

@@ -294,12 +294,12 @@ def tiled(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[Tile]:
     """Yield bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
     before = np.concatenate([[0], np.cumsum(lattice.free.sum(axis=1))])
     rows = len(lattice.y)
-    most = max(TILE_BYTES // bytes_per_pose, TILE_POSES)
+    poses_per_tile = max(TILE_BYTES // bytes_per_pose, TILE_POSES)
     row = 0
     while row < rows:
         first = int(before[max(row - reach, 0)])
         until = row + 1
-        while until < rows and before[min(until + 1 + reach, rows)] - first <= most:
+        while until < rows and before[min(until + 1 + reach, rows)] - first <= poses_per_tile:
             until += 1
         last = int(before[min(until + reach, rows)])
         if before[until] > before[row]:
@@ -325,16 +325,16 @@ def _compute(
     x, y = lattice.points
     sums = np.empty((len(x), len(angles), 7))
     # In most cases the robot can stand at all headings or at none.
-    apart = len(angles) if (possible != possible[:, :1]).any() else 1
-    links: Bytes = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
+    link_headings = len(angles) if (possible != possible[:, :1]).any() else 1
+    links: Bytes = np.stack([lattice.links_among(possible[:, h]) for h in range(link_headings)])
     turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None
     beams = turns(scanner) if turning is not None else None
     width = len(table.limit)
     unknown = np.empty(len(x))
     tiles = list(tiled(lattice, reach, len(angles) * 5 * width * 4))
-    most = max(tile.last - tile.first for tile in tiles)
+    largest_tile = max(tile.last - tile.first for tile in tiles)
     # Once for all tiles: it takes the system as long to hand out pages as to fill them.
-    shape = (len(angles), most, 5, width)
+    shape = (len(angles), largest_tile, 5, width)
     data = line_of_floats(math.prod(shape)).reshape(shape)
     first = last = 0
     for tile in tiles:

@@ -55,8 +55,8 @@ class Frame:
         down, left = frame.row - self.row, frame.column - self.column
         rows = slice(max(down, 0), max(min(down + frame.rows, self.rows), 0))
         columns = slice(max(left, 0), max(min(left + frame.columns, self.columns), 0))
-        there = values[
+        overlap = values[
             max(-down, 0) : max(self.rows - down, 0), max(-left, 0) : max(self.columns - left, 0)
         ]
-        full[rows, columns] = there
+        full[rows, columns] = overlap
         return full

@@ -79,14 +79,14 @@ class Patch:
         for box in change.boxes(margin):
             rows, columns = slices_in(box, x, y)
             window = self.window(box, margin)
-            here = possible[rows, columns]
-            here[:] = False
-            if window is None or not here.size:
+            window_values = possible[rows, columns]
+            window_values[:] = False
+            if window is None or not window_values.size:
                 continue
             xs, ys = np.meshgrid(x[columns], y[rows])
             inside = window.triangulation.contains(xs.ravel(), ys.ravel()).reshape(xs.shape)
             lattice = Lattice(window, change.spacing, x[columns], y[rows], inside)
-            here[inside] = standing(
+            window_values[inside] = standing(
                 lattice, context.full_scanner, context.headings, context.model.robot_radius
             )
         return possible

@@ -59,7 +59,7 @@ class SeenChanges:
 
     @cached_property
     def countless(self) -> bool:
-        """True if so many walls changed that poses are not asked whether they see them."""
+        """True if too many walls changed to check for each pose whether it sees one of them."""
         count = len(self.changes.removed) + len(self.changes.added)
         if self.new.space is not None:
             count = sum(len(faces.kind) for faces in self._faces)
@@ -67,12 +67,12 @@ class SeenChanges:
 
     @property
     def most(self) -> float:
-        """Share of poses that see the change from which on to ask takes longer than it saves."""
+        """Largest share of poses that see the change at which checking them still saves time."""
         return MOST_DIFFERING if self._by_returns else MOST_SEEING
 
     @property
     def asking(self) -> float:
-        """Time that it takes to ask poses, by that to compute them."""
+        """Time to check poses relative to the time to compute them."""
         return ASKING_IN_PLANE if self.new.space is None else 1.0 - self.most
 
     def by(self, x: Floats, y: Floats) -> Bools:

@@ -40,8 +40,8 @@ class ExpectedWork:
     """Work of an update, by a sample of poses.
 
     Attributes:
-        asks_cells: Whether it pays to ask each pose within reach whether it sees the change.
-        share: Time for the poses that are asked or computed, by that for all poses in a build.
+        asks_cells: Whether checking each pose within reach for a view of the change saves time.
+        share: Time for the poses checked or computed, relative to a build of all poses.
     """
 
     asks_cells: bool
@@ -93,16 +93,16 @@ class ExpectedWork:
         return cls(asks_cells, float(share + asks_cells * seen.asking * within_reach))
 
     def with_more_floor(self, grown: float) -> ExpectedWork:
-        """Return the work where so much new floor is computed too, by the floor before."""
+        """Return the work with new floor of `grown` times the old floor computed as well."""
         return replace(self, share=(self.share + grown) / (1.0 + grown))
 
     def pays(self, seconds: float) -> bool:
-        """Return whether an update is expected to be faster than a build of so many seconds."""
+        """Return whether an update is expected to be faster than a build of `seconds`."""
         return self.share + OVERHEAD / seconds < 1.0 - MARGIN
 
 
 def is_small(seconds: float) -> bool:
-    """Return whether a build of so many seconds is faster than any update, or as fast."""
+    """Return whether a build of `seconds` is at least as fast as any update."""
     return seconds < SMALLEST
 
 

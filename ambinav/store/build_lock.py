@@ -1,8 +1,8 @@
 """Lock that lets only one process compute a map: others wait unless it stops making progress.
 
-The lock is the system's, on a file beside the entry, so that it ends with whoever holds it. It
-saves work and nothing depends on it: entries are replaced as a whole, so that two that compute the
-same at once do no harm. Hence whoever cannot have it in time goes on without.
+The operating system locks a file beside the entry, so that the lock ends with its process. It saves
+work and nothing depends on it: entries are replaced as a whole, so that two processes may compute
+the same entry. Hence a process that does not acquire it in time continues without.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ _LOOKS = 4  # whoever holds it only to clean up is gone by then
 def build_lock(
     path: Path, patience: float, waiting: Callable[[], None]
 ) -> Iterator[Callable[[], None] | None]:
-    """Hold a lock, or continue without it where it cannot be had.
+    """Hold a lock, or continue without it where it cannot be acquired.
 
     Args:
-        path: The lock's file; it is there only while somebody holds it, or was killed then.
+        path: The lock's file; it exists only while a process holds it, or was killed holding it.
         patience: Seconds to wait for a holder that gives no sign of life: it was stopped
             (Ctrl-Z), say.
         waiting: Called once, where another holds it for longer than a moment.
 
     Yields:
-        What gives a sign of life, to be called now and then; None: the lock is not held, since its
-        holder stands still, the folder cannot be written to, or the file system has no locks.
+        A function that gives a sign of life, to be called regularly; None: the lock is not held,
+        since its holder stands still, the folder is read-only, or the file system has no locks.
     """
-    file = _taken(path, patience, waiting)
+    file = _acquire(path, patience, waiting)
     if file is None:
         yield None
         return
@@ -67,7 +67,7 @@ def try_lock(path: Path) -> contextlib.AbstractContextManager[object] | None:
     return stack
 
 
-def _taken(path: Path, patience: float, waiting: Callable[[], None]) -> BinaryIO | None:
+def _acquire(path: Path, patience: float, waiting: Callable[[], None]) -> BinaryIO | None:
     for look in itertools.count(1):
         file, still = _attempt(path)
         if file is not None or still is None or still > patience:

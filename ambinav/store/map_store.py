@@ -315,14 +315,14 @@ class MapStore:
         Args:
             locked: The key whose lock is held here; of others it is done where nobody holds theirs.
         """
-        left: dict[str, list[str]] = {}
+        leftovers: dict[str, list[str]] = {}
         for item in self._all():
             name, scratch = _NAME.fullmatch(item.name), _SCRATCH.fullmatch(item.name)
             if name is not None and name["suffix"] == LOCK:
-                left.setdefault(name["key"], [])
+                leftovers.setdefault(name["key"], [])
             elif scratch is not None and item.is_dir(follow_symlinks=False):
-                left.setdefault(scratch["key"], []).append(item.path)
-        for key, paths in left.items():
+                leftovers.setdefault(scratch["key"], []).append(item.path)
+        for key, paths in leftovers.items():
             lock = None if key == locked else try_lock(self.place / f"{key}{LOCK}")
             if key == locked or lock is not None:
                 with lock or contextlib.nullcontext():

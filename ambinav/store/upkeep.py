@@ -124,8 +124,8 @@ def prune(
             if item.state == OTHER_CODE:
                 item.path.unlink(missing_ok=True)
     store.make_room(-1 if every else limit)  # at 0 empty files would stay
-    left = {item.path for item in entries_of(store)}
-    removed_sizes = [size for path, size in before.items() if path not in left]
+    remaining_paths = {item.path for item in entries_of(store)}
+    removed_sizes = [size for path, size in before.items() if path not in remaining_paths]
     return len(removed_sizes), sum(removed_sizes)
 
 

@@ -57,11 +57,11 @@ def compare_pairs(
         cell_variance: Variance of the offset in x and y, square metres, and in theta, square
             radians: how well the partner's pose is known.
     """
-    both = np.concatenate([own, other])
+    pool = np.concatenate([own, other])
     first = np.concatenate([np.arange(len(own)), row]).astype(np.uint64)
-    out = np.empty((len(both), 6))
+    out = np.empty((len(pool), 6))
     run_rows(
-        _compare, len(both), both, first, beams.limit, beams.inverse_cap, beams.use, evidence, tau,
+        _compare, len(pool), pool, first, beams.limit, beams.inverse_cap, beams.use, evidence, tau,
         *cell_variance, out, least=256,
     )  # fmt: skip
     mine, pairs = out[: len(own)], out[len(own) :]

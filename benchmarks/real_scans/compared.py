@@ -94,12 +94,12 @@ def compared(
 
     mine = real(first, np.zeros(len(first)), poses[first, 2])
     theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])
-    own, other = _predicted(pairs, first, row, poses, environment, scanner, table)
+    firsts, partners = _predicted(pairs, first, row, poses, environment, scanner, table)
     common = in_view(log.angles, directions, pairs.turn)
-    other[:, 4, : len(directions)][~common] = BLIND
-    measured, predicted = agreement(mine, theirs), agreement(own, other)
-    for scans, others in ((mine, own), (theirs, other)):
-        scans[:, 4][others[:, 4] == BLIND] = BLIND
+    partners[:, 4, : len(directions)][~common] = BLIND
+    measured, predicted = agreement(mine, theirs), agreement(firsts, partners)
+    for scans, predicted_scans in ((mine, firsts), (theirs, partners)):
+        scans[:, 4][predicted_scans[:, 4] == BLIND] = BLIND
     seen_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
     return Compared(
         pairs,

@@ -58,8 +58,8 @@ def stretches(log: Log, length: float, parts: int = 2) -> NDArray[np.intp]:
 def scanner_of(log: Log, max_range: float | None) -> RangeScanner:
     """Return the beams of a log used for its map: 60 a turn at most (see `build_map`)."""
     scanner = log.scanner(max_range=max_range)
-    most = max(round(BEAMS_PER_TURN * scanner.aperture / (2.0 * math.pi)), 1)
-    return scanner.thinned(most)
+    beams = max(round(BEAMS_PER_TURN * scanner.aperture / (2.0 * math.pi)), 1)
+    return scanner.thinned(beams)
 
 
 def model_of(scanner: RangeScanner, environment: Environment, radius: float) -> AmbiguityModel:

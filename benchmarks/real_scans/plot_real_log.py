@@ -74,14 +74,14 @@ def _path(
 ) -> None:
     """Draw dots `dot` points wide along the path, with a least distance."""
     x, y = study.place(scans)
-    apart = APART * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    taken = np.zeros(len(x), dtype=np.bool_)
+    gap = APART * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    is_marked = np.zeros(len(x), dtype=np.bool_)
     for k in range(len(x)):
-        taken[k] = not (np.hypot(x[taken] - x[k], y[taken] - y[k]) < apart).any()
+        is_marked[k] = not (np.hypot(x[is_marked] - x[k], y[is_marked] - y[k]) < gap).any()
     scale: dict[str, Any] = {}
     if colours.dtype.kind != "U":
         scale = {"cmap": "viridis_r", "vmin": 0.0, "vmax": 1.0}
     axes.scatter(
-        x[taken], y[taken], s=dot**2, c=colours[taken], edgecolors="black",
+        x[is_marked], y[is_marked], s=dot**2, c=colours[is_marked], edgecolors="black",
         linewidths=min(0.1 * dot, 0.5), zorder=8, **scale,
     )  # fmt: skip

@@ -78,8 +78,8 @@ def rank_agreement(
     for _ in range(draws if members else 0):
         index = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
         drawn.append(spearman(predicted[index], measured[index]))
-    known = np.array(drawn)[np.isfinite(drawn)] if drawn else np.empty(0)
-    low, high = np.percentile(known, [2.5, 97.5]) if known.size else (np.nan, np.nan)
+    finite = np.array(drawn)[np.isfinite(drawn)] if drawn else np.empty(0)
+    low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
     return RankAgreement(
         spearman(predicted, measured), float(low), float(high), len(predicted), len(labels)
     )

@@ -178,7 +178,7 @@ def study_log(
             "other; give a larger radius."
         )
     measured = [pose_figures(part.pairs, part.measured) for part in compared_parts]
-    known = [pose_figures(part.pairs, part.known) for part in compared_parts]
+    explained = [pose_figures(part.pairs, part.known) for part in compared_parts]
     predicted = [pose_figures(part.pairs, part.predicted) for part in compared_parts]
     return RealLog(
         log,
@@ -187,7 +187,7 @@ def study_log(
         _values(compared_parts),
         np.concatenate([np.unique(part.pairs.first) for part in compared_parts]),
         _joined(measured),
-        _joined(known),
+        _joined(explained),
         _joined(predicted),
         np.concatenate(alone),
         _joined(scan_says),

@@ -88,13 +88,13 @@ def scan_pairs(
         index_pairs = cKDTree(poses[index, :2]).query_pairs(radius, output_type="ndarray")
     pairs = index[np.concatenate([index_pairs, index_pairs[:, ::-1]])]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    apart = poses[pairs[:, 1], :2] - poses[pairs[:, 0], :2]
+    offset = poses[pairs[:, 1], :2] - poses[pairs[:, 0], :2]
     turned = wrap_angles(poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2])
-    distance = np.hypot(apart[:, 0], apart[:, 1])
+    distance = np.hypot(offset[:, 0], offset[:, 1])
     good = (distance >= nearest) & (np.abs(turned) <= turn)
     if good.any():
         x, y = poses[pairs[good, 0], :2].T
-        bearing = np.arctan2(apart[good, 1], apart[good, 0])
+        bearing = np.arctan2(offset[good, 1], offset[good, 0])
         seen = np.asarray(environment.cast(x, y, bearing, radius + 1.0))
         good[good] = ~(seen < distance[good])
-    return ScanPairs(pairs[good, 0], pairs[good, 1], apart[good], turned[good])
+    return ScanPairs(pairs[good, 0], pairs[good, 1], offset[good], turned[good])

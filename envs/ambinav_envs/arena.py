@@ -60,11 +60,11 @@ class Arena:
     def changed(self, **changes: Any) -> Arena:
         """Return the same with other parameters."""
         parameters = self.parameters
-        other = {key: value for key, value in changes.items() if getattr(parameters, key) != value}
+        edits = {key: value for key, value in changes.items() if getattr(parameters, key) != value}
         return replace(
             self,
             parameters=replace(parameters, **changes),
-            arguments={**(self.arguments or {}), **other},
+            arguments={**(self.arguments or {}), **edits},
         )
 
     def check(self, policy: Policy, seed: int) -> None:
@@ -98,7 +98,7 @@ class Arena:
         """Run episodes with a policy or a controller; see `evaluation.evaluate_in`.
 
         A wrapped environment is driven by itself, one episode after the other, which takes several
-        times as long; the figures are those of the simulation in it, but for the reward.
+        times as long; the figures except the reward are those of the simulation in it.
 
         Raises:
             InputError: see `evaluation.evaluate_in`, or a wrapper fails.
@@ -114,11 +114,11 @@ class Arena:
             if isinstance(controller, Policy):
                 controller.configure(simulation.parameters)
                 controller.prepare(env.observation_space, env.action_space)
-            done = []
+            driven = []
             for number in episode_seeds(seed, 0, as_count(episodes, "episodes")):
-                done.append(_episode(env, controller, int(number)))
-                progress(len(done) / episodes)
-        return joined(done)
+                driven.append(_episode(env, controller, int(number)))
+                progress(len(driven) / episodes)
+        return joined(driven)
 
 
 def _episode(env: gym.Env[Any, Any], controller: EpisodeDriver | Policy, seed: int) -> Episodes:
@@ -127,10 +127,10 @@ def _episode(env: gym.Env[Any, Any], controller: EpisodeDriver | Policy, seed: i
     seen, _ = env.reset(seed=seed)
     if not isinstance(controller, Policy):
         controller.begin(simulation, [0])
-    starts, over = np.ones(1, dtype=np.bool_), False
+    starts, has_ended = np.ones(1, dtype=np.bool_), False
     rewards, costs, lost, errors = [], [], [], []
     discrete = isinstance(env.action_space, gym.spaces.Discrete)
-    while not over:
+    while not has_ended:
         rows = {name: part[None] for name, part in seen.items()}
         if isinstance(controller, Policy):
             actions = controller.act(rows, starts)
@@ -145,7 +145,7 @@ def _episode(env: gym.Env[Any, Any], controller: EpisodeDriver | Policy, seed: i
         costs.append(info["cost"])
         lost.append(info["cost_lost"])
         errors.append(info["error"])
-        starts, over = np.zeros(1, dtype=np.bool_), ended or cut
+        starts, has_ended = np.zeros(1, dtype=np.bool_), ended or cut
     return _figures(env, seed, np.array([rewards, costs, lost, errors]))
 
 

@@ -91,8 +91,8 @@ def belief_numbers(offset: ArrayLike, covariance: ArrayLike) -> Floats:
         raise InputError("belief: offset has a number that is not finite; give metres and radians.")
     bad = np.asarray(~np.isfinite(cov).all(axis=(1, 2)))
     sound = np.where(bad[:, None, None], np.eye(3), cov)
-    apart = np.abs(sound - sound.transpose(0, 2, 1)).max(axis=(1, 2))
-    bad |= apart > 1e-9 * np.abs(sound).max(axis=(1, 2))
+    asymmetry = np.abs(sound - sound.transpose(0, 2, 1)).max(axis=(1, 2))
+    bad |= asymmetry > 1e-9 * np.abs(sound).max(axis=(1, 2))
     bad |= np.linalg.eigvalsh(sound)[:, 0] <= 0.0
     if bad.any():
         i = int(bad.argmax())

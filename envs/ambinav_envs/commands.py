@@ -79,9 +79,9 @@ def by_filter(
         parameters: Parameters of the environment.
     """
     belief = filter_belief(observations) if parameters.belief else None
-    there = at_goal(observations, parameters)
-    halted = np.where(there[:, None], 0.0, commands)
-    return as_actions(halted, parameters, there, belief=belief)
+    arrived = at_goal(observations, parameters)
+    halted = np.where(arrived[:, None], 0.0, commands)
+    return as_actions(halted, parameters, arrived, belief=belief)
 
 
 def at_goal(
@@ -99,7 +99,7 @@ def at_goal(
     """
     if "arrived" not in parameters.declare:
         return np.zeros(len(next(iter(observations.values()))), dtype=np.bool_)
-    there = FAR * observations["goal"][:, 0] <= parameters.goal_radius
+    is_there = FAR * observations["goal"][:, 0] <= parameters.goal_radius
     if parameters.goal_std is not None:
-        there &= observations["uncertainty"][:, 0] <= parameters.goal_std
-    return np.asarray(there, dtype=np.bool_)
+        is_there &= observations["uncertainty"][:, 0] <= parameters.goal_std
+    return np.asarray(is_there, dtype=np.bool_)

@@ -101,8 +101,8 @@ class Episodes:
     def length_ratio(self) -> Floats:
         """Driven length over the shortest path for arrivals; nan for others, and at the start."""
         ratio = np.full(len(self), np.nan)
-        there = self.ended(ARRIVED) & (self.shortest > 0.0)
-        np.divide(self.travelled, self.shortest, out=ratio, where=there)
+        arrived = self.ended(ARRIVED) & (self.shortest > 0.0)
+        np.divide(self.travelled, self.shortest, out=ratio, where=arrived)
         return ratio
 
     @property
@@ -245,7 +245,7 @@ def evaluate_seeds(
         controller.configure(parameters)
         controller.prepare(observation_space(parameters), action_space(parameters))
         controller = _PolicyDriver(controller)
-    done = []
+    driven = []
     for first in range(0, episodes, chunk):
         part = seeds[first : first + chunk]
         among = None if buildings is None else buildings[first : first + chunk]
@@ -253,8 +253,8 @@ def evaluate_seeds(
         def report_progress(share: float, first: int = first, count: int = len(part)) -> None:
             progress((first + share * count) / episodes)
 
-        done.append(_drive(controller, simulation, part, among, report_progress))
-    return joined(done)
+        driven.append(_drive(controller, simulation, part, among, report_progress))
+    return joined(driven)
 
 
 class _PolicyDriver:
@@ -287,7 +287,7 @@ def _drive(
     if buildings is None:
         simulation.reset(range(count), generators, None, out)
     for number in dict.fromkeys(buildings or ()):
-        rows = [i for i, other in enumerate(buildings or ()) if other == number]
+        rows = [i for i, place in enumerate(buildings or ()) if place == number]
         simulation.reset(rows, generators, {"building": number}, out)
     for part in out.observation.values():
         part[count:] = part[0]

@@ -125,8 +125,8 @@ def part_of(info: Info, mask: Bools) -> Info:
 
 
 def _named(rows: Floats, plugged: dict[str, Floats], everyone: Bools) -> Info:
-    named: Info = dict(zip(TERMS, rows, strict=False)) | plugged
-    return named | dict.fromkeys((*_TERM_MASKS, *(f"_{term}" for term in plugged)), everyone)
+    terms: Info = dict(zip(TERMS, rows, strict=False)) | plugged
+    return terms | dict.fromkeys((*_TERM_MASKS, *(f"_{term}" for term in plugged)), everyone)
 
 
 def _first(plugged: dict[str, Floats]) -> dict[str, float]:

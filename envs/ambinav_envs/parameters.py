@@ -309,9 +309,9 @@ class NavigationParameters:
         if isinstance(mcl, Mapping):
             self._set("mcl", None)
         check_fields(self)
-        given = vars(self).pop("_given", ())
+        assigned = vars(self).pop("_given", ())
         for name, value in LEVELS[self.difficulty].items():
-            if name not in given:
+            if name not in assigned:
                 self._set(name, value)
         if self.difficulty:
             check_fields(self)
@@ -329,8 +329,8 @@ class NavigationParameters:
                 f"kidnap_seconds is ({low:g}, {high:g}) and an episode ends after {end:g} s, so "
                 "that nobody is kidnapped; give earlier moments or more max_steps."
             )
-        most = MOST_LATE * self.dt
-        require(self, "pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
+        longest = MOST_LATE * self.dt
+        require(self, "pose_latency", self.pose_latency <= longest, f"at most {longest:g} seconds")
         low, high = self.detour
         require(self, "detour", 1.0 < low <= high, "two numbers above 1, the second not less")
         if self.belief and self.discrete:
@@ -350,8 +350,8 @@ class NavigationParameters:
             self, "longest", self.longest > self.shortest, f"more than shortest, {self.shortest:g}"
         )
         radius = self.goal_radius
-        enough = f"at least goal_radius, {radius:g}"
-        require(self, "success_radius", self.success_radius >= radius, enough)
+        bound_text = f"at least goal_radius, {radius:g}"
+        require(self, "success_radius", self.success_radius >= radius, bound_text)
         if not self.ambiguity_seen and self.waypoint and self.ambiguity_weight > 0.0:
             raise InputError(
                 f"ambiguity_seen is False and ambiguity_weight is {self.ambiguity_weight:g}, by "

@@ -58,7 +58,7 @@ class PluggedFunctions:
                 parts.append((part, part.size(parameters), calling))
         self._parts = tuple(parts)
         terms = parameters.plugged_terms
-        self._terms = tuple((*both, REWARD_TERMS.calling(both[0].name)) for both in terms)
+        self._terms = tuple((*pair, REWARD_TERMS.calling(pair[0].name)) for pair in terms)
         self._dt = parameters.dt
         self.task = TaskFunctions(parameters)
 

@@ -94,7 +94,7 @@ def register_envs() -> None:
 def _with_twins(
     ids: Mapping[str, Mapping[str, Any]], tasks: Collection[str]
 ) -> dict[str, Mapping[str, Any]]:
-    """Return ids and their twins, but for twins that have the name of a task."""
+    """Return ids and their twins, except twins that have the name of a task."""
     twins = {name: twin for name, twin in twins_of(ids).items() if name not in tasks}
     return {**ids, **twins}
 
@@ -144,11 +144,11 @@ def spec_of(name: object) -> EnvSpec:
     if id_alone in gymnasium.registry:
         return gymnasium.registry[id_alone]
     candidates = []
-    for other, spec in gymnasium.registry.items():
+    for env_id, spec in gymnasium.registry.items():
         # Gymnasium's own are no navigation environments; of some the entry point is a function.
         entry: object = spec.entry_point
         if not str(getattr(entry, "__module__", entry)).startswith("gymnasium."):
-            candidates.append(other)
+            candidates.append(env_id)
     raise InputError(f"the id is {name!r}; {nearest(id_alone, candidates)}.")
 
 

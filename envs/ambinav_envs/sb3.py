@@ -247,8 +247,8 @@ def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
         else:
             parts = value[chosen]
         present = info.get(f"_{key}")
-        there = [True] * len(infos) if present is None else present[chosen].tolist()
-        for entry, part, has in zip(infos, parts, there, strict=True):
+        is_present = [True] * len(infos) if present is None else present[chosen].tolist()
+        for entry, part, has in zip(infos, parts, is_present, strict=True):
             if has:
                 entry[key] = part
     return infos

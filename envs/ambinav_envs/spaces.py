@@ -117,19 +117,19 @@ def continuous(
     finite = np.isfinite(chosen)
     if not finite.all():
         _refuse(chosen, np.asarray(finite.all(axis=1)), count, active, "finite numbers, -1 to 1")
-    said = np.abs(chosen[:, MOTIONS:]) <= 1.0
-    if not said.all():
+    is_valid = np.abs(chosen[:, MOTIONS:]) <= 1.0
+    if not is_valid.all():
         remedy = "declarations and belief from -1 to 1"
-        _refuse(chosen, np.asarray(said.all(axis=1)), count, active, remedy)
+        _refuse(chosen, np.asarray(is_valid.all(axis=1)), count, active, remedy)
     return chosen
 
 
 def _discrete_actions(parameters: NavigationParameters) -> Floats:
     """Return the discrete actions as continuous ones, shape (A, columns)."""
-    more = len(parameters.declare)
-    table = np.zeros((len(ACTIONS) + more, parameters.columns))
+    declarations = len(parameters.declare)
+    table = np.zeros((len(ACTIONS) + declarations, parameters.columns))
     table[: len(ACTIONS), :MOTIONS] = ACTIONS
-    table[len(ACTIONS) :, MOTIONS:] = np.eye(more)
+    table[len(ACTIONS) :, MOTIONS:] = np.eye(declarations)
     least, most = parameters.min_speed, parameters.robot.max_speed
     table[:, 0] = 2.0 * (table[:, 0] * most - least) / (most - least) - 1.0
     return table

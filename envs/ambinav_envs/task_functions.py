@@ -51,7 +51,7 @@ class TaskFunctions:
         self.judges = self._judge is not None
 
     def draw(self, site: Site, state: UInts, longest: float, start: Any, goal: Any) -> Task:
-        """Draw an episode's start and goal, but for what is given.
+        """Draw an episode's start and goal where they are not given.
 
         Args:
             site: The building.
@@ -93,7 +93,7 @@ class TaskFunctions:
         return start, goal
 
     def judge(self, state: NDArray[np.void], rows: Ints, stepped: Stepped, figures: Floats) -> None:
-        """Let the task's function decide which episodes have ended, and correct their rewards.
+        """Decide by the task's function which episodes have ended, and correct their rewards.
 
         Args:
             state: `layout.STATE` of all robots; the outcome is written.

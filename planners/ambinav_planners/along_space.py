@@ -176,13 +176,13 @@ class SpaceMotions:
             first, last = poses[flagged][:, PLACE], poses[flagged + 1][:, PLACE]
             middles = between[:, PLACE]
             chord = np.linalg.norm(last - first, axis=1)
-            here = np.linalg.norm(middles - first, axis=1)
-            there = np.linalg.norm(last - middles, axis=1)
-            over = here + there
+            to_first = np.linalg.norm(middles - first, axis=1)
+            to_last = np.linalg.norm(last - middles, axis=1)
+            via_middle = to_first + to_last
             # Who turns back near an end of a step has its middle on the chord, but not in the
             # middle of it.
-            most = LONGER * over + LEAST * self._step
-            longer = (over - chord > most) | (np.abs(here - there) > most)
+            allowed = LONGER * via_middle + LEAST * self._step
+            longer = (via_middle - chord > allowed) | (np.abs(to_first - to_last) > allowed)
             shares = np.insert(shares, flagged + 1, middle)
             poses = np.insert(poses, flagged + 1, between, axis=0)
             # Each middle has moved by those inserted before it, and both its sides are in question.

@@ -134,18 +134,18 @@ def _cheapest_of(routes: list[Route], planned: Route, problem: Problem) -> Route
     best = int(np.argmin(costs))
     if not costs[best] < planned.cost * (1.0 - CLEARLY):
         return planned
-    other = routes[best]
+    cheapest = routes[best]
     return evaluate_route(
         problem.service,
-        other.poses,
+        cheapest.poses,
         problem.steering,
-        planner=other.planner,
-        seed=other.seed,
+        planner=cheapest.planner,
+        seed=cheapest.seed,
         seconds=planned.seconds,
         first_seconds=planned.first_seconds,
         iterations=planned.iterations,
         curve=(*planned.curve, (planned.seconds, costs[best])),
-        covariances=other.covariances,
+        covariances=cheapest.covariances,
     )
 
 

@@ -166,15 +166,15 @@ class PricedGraph:
         """Return advice on an edge from a node of the first to one of the second."""
         xy = self.graph.xy
         few = min(NEIGHBOURS, len(behind))
-        apart, nearest = (each.reshape(-1) for each in cKDTree(xy[behind]).query(xy[ahead], k=few))
-        order = np.argsort(apart, kind="stable")
+        gaps, nearest = (each.reshape(-1) for each in cKDTree(xy[behind]).query(xy[ahead], k=few))
+        order = np.argsort(gaps, kind="stable")
         ends = np.column_stack([np.repeat(ahead, few), behind[nearest]])[order]
         poses = np.column_stack([xy, np.zeros(len(xy))])
         free = self._checker.motions_free(*poses[ends.T])
         if not free.any():
             (ax, ay), (bx, by) = xy[ends[0]]
             return (
-                f"from ({ax:.10g}, {ay:.10g}) to ({bx:.10g}, {by:.10g}), {apart[order[0]]:.1f} m, "
+                f"from ({ax:.10g}, {ay:.10g}) to ({bx:.10g}, {by:.10g}), {gaps[order[0]]:.1f} m, "
                 "and between other nodes near each other the way is blocked; add nodes that lead "
                 "around, or plan for a smaller robot"
             )
@@ -182,7 +182,7 @@ class PricedGraph:
         (a, ax, ay), (b, bx, by) = ((self.graph.nodes[n]["id"], *xy[n]) for n in ends[k])
         return (
             f"add edges, such as from node {a} at ({ax:.10g}, {ay:.10g}) to node {b} at "
-            f"({bx:.10g}, {by:.10g}), {apart[order[k]]:.1f} m"
+            f"({bx:.10g}, {by:.10g}), {gaps[order[k]]:.1f} m"
         )
 
     def priced(self, weight: float) -> RouteGraph:
@@ -234,8 +234,8 @@ class PricedGraph:
             ]
             away = np.hypot(*(self.motions.poses[seen] - end).T[:2])
             seen = seen[away <= away.min(initial=np.inf) + JOIN_SLACK]
-            here = np.full(len(seen), k)
-            pairs.append(np.stack([here, seen] if leaves else [seen, here], axis=-1))
+            node = np.full(len(seen), k)
+            pairs.append(np.stack([node, seen] if leaves else [seen, node], axis=-1))
         return MotionGraph.of_free(
             poses, np.concatenate(pairs).astype(np.int32), self._service, self.motions.steering
         )
@@ -256,6 +256,6 @@ def _in_pieces(nodes: Floats, pairs: Ints32) -> tuple[Floats, Ints32]:
 
 
 def _spread(counts: Indices) -> tuple[Indices, Indices]:
-    """Return the group of each of so many members, and its place in the group, from 0 on."""
+    """Return the group of each member and its index within the group, given the group sizes."""
     group = np.repeat(np.arange(len(counts)), counts)
     return group, np.arange(len(group)) - (np.cumsum(counts) - counts)[group]

@@ -128,9 +128,9 @@ def plan_mission(
         order, goal, gap = _chosen(robot, mission, start, stops, goals, weight)
     places = [mission.start, *(mission.via[k] for k in order), mission.goals[goal]]
     legs: list[Route] = []
-    for here, there in itertools.pairwise(places):
+    for leg_start, leg_goal in itertools.pairwise(places):
         leg = _at(robot, legs, is_last=len(legs) == len(places) - 2).plan(
-            here, there,
+            leg_start, leg_goal,
             planner_name=planner_name, weight=weight, seconds=seconds, iterations=iterations,
             seed=seed, improved=improved,
         )  # fmt: skip
@@ -153,13 +153,13 @@ def _at(robot: RoutePlanner, legs: Sequence[Route], *, is_last: bool) -> RoutePl
 
     The limit of belief planners at the goal is that of the last leg.
     """
-    here = copy.copy(robot)
+    adapted = copy.copy(robot)
     if not is_last:
-        here.belief = replace(here.belief, max_goal_std=math.inf)
+        adapted.belief = replace(adapted.belief, max_goal_std=math.inf)
     if legs and legs[-1].covariances is not None:
         x, y, theta = np.sqrt(np.diagonal(legs[-1].covariances[-1])).tolist()
-        here.belief = replace(here.belief, start_std=(x, y, theta))
-    return here
+        adapted.belief = replace(adapted.belief, start_std=(x, y, theta))
+    return adapted
 
 
 def _chosen(

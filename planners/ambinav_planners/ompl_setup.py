@@ -110,10 +110,10 @@ class Watch:
         self, best: Callable[[], Any], iterations: Callable[[], int]
     ) -> ob.PlannerTerminationCondition:
         """Create a termination condition for a planner that reports best cost and iterations."""
-        most = math.inf if self.budget.iterations is None else self.budget.iterations
+        max_iterations = math.inf if self.budget.iterations is None else self.budget.iterations
 
         def stop() -> bool:
             self.note(best().value())
-            return bool(iterations() >= most or self.over)
+            return bool(iterations() >= max_iterations or self.over)
 
         return ob.PlannerTerminationCondition(stop)

@@ -112,8 +112,8 @@ class OneWayLanes:
             out[back[inside]] = False
             back = back[~inside]
             lines = shapely.linestrings(np.stack([a[back, :2], b[back, :2]], axis=1))
-            met = shapely.intersects(lane, lines)
-            back, lines = back[met], lines[met]
+            touched = shapely.intersects(lane, lines)
+            back, lines = back[touched], lines[touched]
             out[back[shapely.length(shapely.intersection(lane, lines)) > LONGER]] = False
         return out
 

@@ -1,4 +1,4 @@
-"""All that a planner plug-in is made of: its record, the registry, and what it is given."""
+"""The interface of planner plug-ins: their record, the registry, and their arguments."""
 
 from __future__ import annotations
 

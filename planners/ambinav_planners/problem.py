@@ -97,8 +97,8 @@ def make_checker(
     if avoid_open:
         forbidden = np.asarray(amap.floor("zone").values == OPEN)
     if keep_out is not None:
-        met = cells_met(amap, keep_out, "keep_out")
-        forbidden = met if forbidden is None else forbidden | met
+        kept_out = cells_met(amap, keep_out, "keep_out")
+        forbidden = kept_out if forbidden is None else forbidden | kept_out
     closed = None if forbidden is None else forbidden.tobytes()
     key = footprint.radius, footprint.corners.tobytes(), steering, closed
     by_key = _checkers.setdefault(amap, WeakValueDictionary())
@@ -140,7 +140,7 @@ def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float 
         amap: The map.
         shape: Map frame, metres.
         name: Names the shape in the error.
-        margin: The shape grows by so many metres.
+        margin: Distance by which the shape grows, metres.
 
     Raises:
         InputError: it is no geometry, or its coordinates are not finite.
@@ -154,7 +154,7 @@ def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float 
     shape = shape.buffer(margin) if margin > 0.0 else shape
     half = 0.5 * amap.spacing
     x, y = (amap.dataset[axis].values for axis in "xy")
-    met = np.zeros((len(y), len(x)), dtype=np.bool_)
+    mask = np.zeros((len(y), len(x)), dtype=np.bool_)
     if not shape.is_empty:
         xmin, ymin, xmax, ymax = shape.bounds
         columns, rows = (
@@ -163,10 +163,10 @@ def cells_met(amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float 
         )
         u, v = np.meshgrid(x[columns], y[rows])
         shapely.prepare(shape)
-        met[rows, columns] = shapely.intersects(
+        mask[rows, columns] = shapely.intersects(
             shape, shapely.box(u - half, v - half, u + half, v + half)
         )
-    return met
+    return mask
 
 
 def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> Pose:
@@ -182,8 +182,8 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
         raise InputError(f"{name} is {pose!r}; give x and y in metres.") from None
     if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
         turned = checker.steering.space != "r2" or len(values) > 2
-        more = ", and a heading in radians if it matters" if turned else ""
-        raise InputError(f"{name} is {tuple(values)}; give x and y in metres{more}.")
+        heading_text = ", and a heading in radians if it matters" if turned else ""
+        raise InputError(f"{name} is {tuple(values)}; give x and y in metres{heading_text}.")
     x, y, theta = (*values, 0.0)[:3]
     reason = checker.why_not(x, y, theta) or _beyond_a_wall(x, y, theta, checker)
     if reason is None:

@@ -163,14 +163,14 @@ def route_within(
 
 
 def _check_runs(runs: int, max_lost: float) -> None:
-    """Refuse a share that so many drives do not confirm, even where no robot gets lost."""
+    """Refuse a share too small for `runs` drives to confirm, even where no robot gets lost."""
     least = least_shown(as_count(runs, "runs"))
     if max_lost <= least:
         # Of no losses in n runs Wilson's interval ends at z^2 / (n + z^2).
-        enough = math.floor(least * runs / (1.0 - least) * (1.0 / max_lost - 1.0)) + 1
+        needed = math.floor(least * runs / (1.0 - least) * (1.0 / max_lost - 1.0)) + 1
         raise InputError(
             f"max_lost is {max_lost:g}, but {runs} drives confirm no share below {least:.2g}, even "
-            f"where no robot gets lost; allow more, or drive {enough} (--drives, in Python runs)."
+            f"where no robot gets lost; allow more, or drive {needed} (--drives, in Python runs)."
         )
 
 
@@ -191,7 +191,7 @@ class _Trials:
     ) -> None:
         self._forecaster, self._max_lost = forecaster, max_lost
         self._runner, self._rng, self._runs = runner, rng, runs
-        self._most = MOST_FORECAST
+        self._max_share = MOST_FORECAST
         self.driven: list[Promise] = []
 
     def promise_of(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
@@ -203,8 +203,8 @@ class _Trials:
         if self._runner is None:
             within = share <= self._max_lost
             return Promise(route, self._forecaster(route), None) if within else None
-        before = ((other.route, other.forecast.lost_probability) for other in self.driven)
-        if (share > self._most and not surely) or _is_among((route, share), before):
+        before = ((earlier.route, earlier.forecast.lost_probability) for earlier in self.driven)
+        if (share > self._max_share and not surely) or _is_among((route, share), before):
             return None
         driven = self._runner.drive(route, self._rng, self._runs, until=self._max_lost)
         promise = Promise(route, self._forecaster(route), driven)
@@ -212,7 +212,7 @@ class _Trials:
             return promise
         self.driven.append(promise)
         part = max(NEXT_FORECAST * share, SEARCHED_SHARES[-1] * self._max_lost)
-        self._most = min(self._most, part)
+        self._max_share = min(self._max_share, part)
         return None
 
 
@@ -274,11 +274,11 @@ def _distinct(
     return distinct
 
 
-def _is_among(pair: tuple[Route, float], others: Iterable[tuple[Route, float]]) -> bool:
+def _is_among(pair: tuple[Route, float], pairs: Iterable[tuple[Route, float]]) -> bool:
     """Return whether a route with its forecast share is the same as another."""
     return any(
         abs(pair[0].length - route.length) < DUPLICATE and abs(pair[1] - share) < DUPLICATE
-        for route, share in others
+        for route, share in pairs
     )
 
 

@@ -108,10 +108,10 @@ def _within(
         return []
     paths = [_finished(graph, nodes, problem, limit)]
     # Paths dearer than a known route are left out.
-    most = math.inf
+    max_cost = math.inf
     if paths[0] is not None:
-        most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
-    is_within = within_cost(graph, graph.cost(service.weight), most)
+        max_cost = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
+    is_within = within_cost(graph, graph.cost(service.weight), max_cost)
     part, number = graph.part(is_within), np.cumsum(is_within) - 1
     strict = cheapest_within(part, problem, limit)
     if strict is not None:
@@ -120,11 +120,11 @@ def _within(
     if is_within[nodes].all():
         cost = corridors.dearer(cost, number[nodes])
     for _ in range(LIMITED_PATHS - 1):
-        other = cheapest_within(part, problem, looser, cost)
-        if other is None or not corridors.leads_elsewhere(other):
+        alternative = cheapest_within(part, problem, looser, cost)
+        if alternative is None or not corridors.leads_elsewhere(alternative):
             break
-        paths.append(_finished(part, other, problem, limit))
-        cost = corridors.dearer(cost, other)
+        paths.append(_finished(part, alternative, problem, limit))
+        cost = corridors.dearer(cost, alternative)
     legal = [path for path in paths if path is not None]
     return sorted(legal, key=lambda path: service.route_cost(path, problem.steering))
 

@@ -60,7 +60,7 @@ class Replan:
 
 
 class Replanner:
-    """Plans routes to one goal again and again, and keeps what it has found out.
+    """Plans routes to one goal repeatedly, and reuses earlier results.
 
     It holds the cost to go from every cell of the map's lattice. After a move nothing is searched;
     after a change only cells whose cheapest way it concerns (`search.costs_to_go`). The robot
@@ -151,7 +151,7 @@ class Replanner:
         problem = replace(self._problem, start=start)
         path, cost = self._lattice_path(problem)
         last = self.route
-        rest_of_last = None if last is None else self._rest(last, problem)
+        rest_of_last = None if last is None else self._rest_of(last, problem)
         if rest_of_last is not None and service.route_cost(rest_of_last, checker.steering) <= cost:
             poses, is_new = rest_of_last, False
         else:
@@ -162,7 +162,7 @@ class Replanner:
         return Replan(self.route, is_new, sentence, time.perf_counter() - started)
 
     def _new_poses(self, problem: Problem, path: Floats | None, cost: float) -> Floats:
-        """Return the poses of a new route: the improved path, or what a plan from nothing finds.
+        """Return the poses of a new route: the improved path, or a plan from scratch.
 
         Args:
             problem: From the robot to the goal, past the obstacles.
@@ -189,7 +189,7 @@ class Replanner:
         return min(candidates, key=lambda each: service.route_cost(each, problem.steering))
 
     def _expected(self, problem: Problem) -> float:
-        """Return the cost of what is left of the last route, obstacles or not; 0 without one."""
+        """Return the cost of the remaining last route, ignoring obstacles; 0 without one."""
         if self.route is None:
             return 0.0
         x, y, _ = problem.start
@@ -215,7 +215,7 @@ class Replanner:
         self._problem = replace(self._problem, service=new)
         if not cells.any():
             return False
-        motions = self._near(cells)
+        motions = self._motions_near(cells)
         a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
         self._free_cost[motions] = new.motion_costs(a, b, self._graph.steering)
         self._update(motions)
@@ -235,7 +235,7 @@ class Replanner:
             forbidden=cells, origin=(x, y), spacing=service.map.spacing,
         )  # fmt: skip
         self._problem = replace(self._problem, checker=checker)
-        self._update(self._near(changed))
+        self._update(self._motions_near(changed))
         return True
 
     def _update(self, motions: Indices) -> None:
@@ -246,7 +246,7 @@ class Replanner:
         free[free] = checker.motions_free(a[free], b[free])
         self._costs.change(motions, np.where(free, self._free_cost[motions], math.inf))
 
-    def _near(self, cells: Bools) -> Indices:
+    def _motions_near(self, cells: Bools) -> Indices:
         """Return the motions that may meet any of some cells."""
         from scipy.ndimage import binary_dilation
 
@@ -263,32 +263,32 @@ class Replanner:
 
     def _lattice_path(self, problem: Problem) -> tuple[Floats | None, float]:
         """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""
-        here, poses = np.array(problem.start), self._graph.poses
-        away = np.hypot(*(poses[:, :2] - here[:2]).T)
+        start, poses = np.array(problem.start), self._graph.poses
+        away = np.hypot(*(poses[:, :2] - start[:2]).T)
         service, steering = problem.service, problem.steering
         least = BELOW * float(service.density.values.min())
         for reach in REACH:
             near = np.flatnonzero(away <= reach)
-            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            origin = np.broadcast_to(start, (len(near), 3)).copy()
             near = near[problem.checker.motions_free(origin, poses[near])]
-            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            origin = np.broadcast_to(start, (len(near), 3)).copy()
             cost = service.motion_costs(origin, poses[near], steering)
             self._costs.settle(near, cost, problem.start[:2], least)
             cost += self._costs.to_go[near]
             if np.isfinite(cost).any():
                 k = int(cost.argmin())
                 nodes = self._costs.path(int(near[k]))
-                path = np.concatenate([here[np.newaxis], poses[nodes]])
+                path = np.concatenate([start[np.newaxis], poses[nodes]])
                 return steering.oriented(path), float(cost[k])
         return None, math.inf
 
-    def _rest(self, last: Route, problem: Problem) -> Floats | None:
+    def _rest_of(self, last: Route, problem: Problem) -> Floats | None:
         """Return the rest of the last route from where the robot is; None: it is blocked."""
         x, y, _ = problem.start
-        done = last.progress(x, y)
+        progress = last.progress(x, y)
         best = None
         for ahead in AHEAD:
-            poses = _onward(last, done.along + ahead, problem)
+            poses = _onward(last, progress.along + ahead, problem)
             if is_free(poses, problem):
                 cost = problem.service.route_cost(poses, problem.steering)
                 if best is None or cost < best[0]:
@@ -313,7 +313,7 @@ class Replanner:
 
 
 def _onward(route: Route, along: float, problem: Problem) -> Floats:
-    """Return the poses from a problem's start on to what a route has beyond so many metres."""
+    """Return the poses from a problem's start to the part of a route beyond `along` metres."""
     k = int(np.searchsorted(route.distance, along, side="right"))
     poses = np.concatenate([[problem.start], route.poses[min(k, len(route.poses) - 1) :]])
     return problem.steering.oriented(poses)
@@ -326,7 +326,7 @@ def _forbidden(problem: Problem) -> Bools:
 
 
 def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[str]) -> str:
-    """Return what is new about a route against the last one, in words."""
+    """Describe how a route differs from the last one."""
     ahead = f"{route.length:.1f} m to go, cost {route.cost:.1f}"
     if last is None:
         return f"First route: {ahead}."
@@ -340,8 +340,8 @@ def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[st
     off = np.flatnonzero(shapely.distance(old, shapely.points(points)) > SAME)
     if not len(off):
         return f"Stays within {SAME:g} m of the last route{reason}: {ahead}."
-    (x, y), more = points[off[0]], route.length - progress.remaining
+    (x, y), extra = points[off[0]], route.length - progress.remaining
     return (
         f"Leaves the last route at ({x:.1f}, {y:.1f}){reason}: {ahead}, "
-        f"{abs(more):.1f} m {'longer' if more >= 0.0 else 'shorter'} than what was left of it."
+        f"{abs(extra):.1f} m {'longer' if extra >= 0.0 else 'shorter'} than what was left of it."
     )

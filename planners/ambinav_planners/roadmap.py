@@ -96,7 +96,7 @@ class Roadmap:
         neighbours = [data.getEdges(i) for i in range(count)]
         degree = np.array([len(row) for row in neighbours], dtype=np.int64)
         source = np.repeat(np.arange(count), degree)
-        target = np.array([other for row in neighbours for other in row], dtype=np.int64)
+        target = np.array([neighbour for row in neighbours for neighbour in row], dtype=np.int64)
         pairs = np.stack([source, target], axis=-1)[source < target].astype(np.int32)
         return MotionGraph.of_motions(
             np.concatenate([poses, self.problem.ends]),
@@ -109,10 +109,10 @@ class Roadmap:
         """Return pairs that join start and goal to their nearest milestones, and to each other."""
         count = len(poses)
         pairs = [np.array([[count, count + 1]])]
-        most = max(1, math.ceil(2.0 * math.e * 1.5 * math.log(count + 1)))
+        neighbour_count = max(1, math.ceil(2.0 * math.e * 1.5 * math.log(count + 1)))
         for k, end in enumerate(self.problem.ends):
             distance = np.hypot(poses[:, 0] - end[0], poses[:, 1] - end[1])
-            near = np.argsort(distance, kind="stable")[:most]
+            near = np.argsort(distance, kind="stable")[:neighbour_count]
             pairs.append(np.stack([near, np.full(len(near), count + k)], axis=-1))
         return np.concatenate(pairs).astype(np.int32)
 
@@ -123,8 +123,8 @@ def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
     Reading and checking it takes about three times as long as growing it.
     """
     roadmap = Roadmap.over(problem, budget.seed)
-    most = MAX_MILESTONES if budget.iterations is None else budget.iterations
-    roadmap.grow(most, time.perf_counter() + GROWING_SHARE * budget.seconds)
+    max_milestones = MAX_MILESTONES if budget.iterations is None else budget.iterations
+    roadmap.grow(max_milestones, time.perf_counter() + GROWING_SHARE * budget.seconds)
     return roadmap.graph()
 
 

@@ -81,13 +81,13 @@ class RouteGraph:
             return _with_ids(path, features)
         return _of_lines(path, features)
 
-    def with_figures(self, kept: Bools, cost: Floats, figures: Mapping[str, Floats]) -> RouteGraph:
+    def with_figures(self, used: Bools, cost: Floats, figures: Mapping[str, Floats]) -> RouteGraph:
         """Return some of the edges with costs and figures for the scorers of Nav2.
 
         The costs are not overridable, so that Nav2's scorers leave them as they are.
 
         Args:
-            kept: The edges that stay, bool, shape (E,).
+            used: The edges that stay, bool, shape (E,).
             cost: Cost of each edge, shape (E,), metres-equivalent.
             figures: Further figures of each edge by name, shape (E,) each; they become `metadata`,
                 beside what stands there.
@@ -102,9 +102,9 @@ class RouteGraph:
                     **{name: round(float(values[k]), 4) for name, values in figures.items()},
                 },
             }
-            for k in np.flatnonzero(kept).tolist()
+            for k in np.flatnonzero(used).tolist()
         )
-        return replace(self, pairs=self.pairs[kept], edges=edges)
+        return replace(self, pairs=self.pairs[used], edges=edges)
 
     def text(self, weight: float) -> str:
         """Return the file's text: nodes, then edges; the weight is that of their costs."""

@@ -79,15 +79,15 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
 
 def _answer_of(task: bytes) -> _Answer:
     """Start a process, give it a pickled call, and wait for its answer."""
-    here, there = socket.socketpair()
-    with there:
-        code = f"from ambinav_planners.seeded import main; main({there.fileno()})"
+    parent, child = socket.socketpair()
+    with child:
+        code = f"from ambinav_planners.seeded import main; main({child.fileno()})"
         command = [sys.executable, "-c", code]
         with putting_signals_off():  # of this process: the new one is ended by the block below
             run = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=_stderr(), pass_fds=(there.fileno(),)
+                command, stdin=subprocess.DEVNULL, stdout=_stderr(), pass_fds=(child.fileno(),)
             )
-    with run, Connection(here.detach()) as line:
+    with run, Connection(parent.detach()) as line:
         try:
             # A process that ends first breaks the connection; its end is reported below.
             with contextlib.suppress(OSError, EOFError):

@@ -75,8 +75,8 @@ def check_steering(si: ob.SpaceInformation, steering: Steering) -> None:
 def _moves_so(space: ob.StateSpace, steering: Steering, a: Any, b: Any) -> bool:
     """Return whether random motions in a space over SE(2) agree with a steering."""
     scale = steering.radius or 1.0
-    most = np.array([APART * scale, APART * scale, math.pi])
-    first, second = np.random.default_rng(SEED).uniform(-most, most, (2, PAIRS, 3))
+    bounds = np.array([APART * scale, APART * scale, math.pi])
+    first, second = np.random.default_rng(SEED).uniform(-bounds, bounds, (2, PAIRS, 3))
     if steering.turns:
         expected = steering.lengths(first, second)
     read, middle = pose_reader(True), space.allocState()

@@ -65,8 +65,8 @@ class FootprintMotionValidator(ob.MotionValidator):
         zeros = (0.0,) * 6
         self._free = machine_code(motion_free, self._kind, self._radius, *zeros, *self._arrays)
         self._back = checker.is_directed and not self._with_heading
-        self._both = both and checker.steering.space == "reeds-shepp"
-        if self._both:
+        self._both_directions = both and checker.steering.space == "reeds-shepp"
+        if self._both_directions:
             self._at = machine_code(curve_pose, self._kind, self._radius, *zeros, 0.0)
             self._between = si.allocState()
 
@@ -75,7 +75,7 @@ class FootprintMotionValidator(ob.MotionValidator):
         if self._with_heading:
             ends = a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw()
             free = bool(self._free(self._kind, self._radius, *ends, *self._arrays))
-            return free and (not self._both or self._is_free_by_ompl(a, b, ends))
+            return free and (not self._both_directions or self._is_free_by_ompl(a, b, ends))
         free = bool(self._free(0, None, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
         if free and self._back:
             return bool(self._free(0, None, b[0], b[1], 0.0, a[0], a[1], 0.0, *self._arrays))

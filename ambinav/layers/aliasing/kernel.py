@@ -334,7 +334,7 @@ def search(
     """
     mass = np.zeros((len(poses), 2))
     aliased = np.full((len(poses), count, 4), np.nan)
-    left = np.zeros((len(poses), 4), dtype=np.int64)
+    step_counts = np.zeros((len(poses), 4), dtype=np.int64)
     beams = scans.limit, scans.inverse_cap, scans.use, scans.evidence
     arrays = ScanArrays(
         *rows, beams, scans.known, scans.x, scans.y, scans.heading, place, _orbit(scans), scans.tau,
@@ -343,9 +343,9 @@ def search(
     run_rows(
         _search, len(bundles) - 1, bundles, poses, arrays,
         SignatureArrays.of(signatures, _stride(scans.beams)), TreeArrays.of(tree), threshold,
-        radius, mass, aliased, left,
+        radius, mass, aliased, step_counts,
     )  # fmt: skip
-    return mass, aliased, left
+    return mass, aliased, step_counts
 
 
 def orbit_rows(scans: Scans) -> Rows:
@@ -355,16 +355,16 @@ def orbit_rows(scans: Scans) -> Rows:
     are padded to a multiple of `LANES`, so that the loop fills the vector registers.
     """
     n = _orbit(scans)
-    more = ((0, 0), (0, -n % LANES))
+    padding = ((0, 0), (0, -n % LANES))
     count = scans.beams // n
-    padded = np.ones((len(scans.x), 6, count, 2 * n + more[1][1]), dtype=np.float32)
+    padded = np.ones((len(scans.x), 6, count, 2 * n + padding[1][1]), dtype=np.float32)
     orbits = scans.data[:, :, : scans.beams].reshape(-1, 5, count, n)
     slid = slides(scans)[:, : scans.beams].reshape(-1, count, n)
     for at in (0, n):
         padded[:, :5, :, at : at + n] = orbits
         padded[:, 5, :, at : at + n] = slid
     limit, cap, soft = (
-        np.pad(row[: scans.beams].reshape(-1, n), more)
+        np.pad(row[: scans.beams].reshape(-1, n), padding)
         for row in (scans.limit, scans.inverse_cap, scans.softness)
     )
     return padded, (limit, cap, soft)

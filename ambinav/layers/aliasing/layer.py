@@ -119,7 +119,7 @@ def aliased_poses(
     mass = np.zeros((poses, 2))
     aliased = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
-    left = np.zeros(4, dtype=np.int64)
+    step_counts = np.zeros(4, dtype=np.int64)
     if explored.size:
         signatures = Signatures.of(scans, threshold)
         tree = Tree.over(signatures, explored, scans.turns)
@@ -140,7 +140,7 @@ def aliased_poses(
                 poses_of, begins, scans, rows, signatures, tree, places[scans.cell], context.radius,
                 threshold, count,
             )  # fmt: skip
-            left += steps.sum(axis=0)
+            step_counts += steps.sum(axis=0)
             progress((part + 1) / parts)
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
@@ -156,7 +156,7 @@ def aliased_poses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
         np.broadcast_to(aliased.reshape(*shape, count, 4), (*wide, count, 4)),
-        left,
+        step_counts,
     )
 
 
@@ -180,7 +180,7 @@ def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, F
     alike = aliased_poses(context, least=least)
     best = alike.poses[:, :, 0]
     x, y = context.points
-    apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
+    distance = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
     return {
         "aliasing": context.spread(alike.share),
         "aliasing_area": context.spread(alike.area),
@@ -188,7 +188,7 @@ def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, F
         "aliasing_y": context.spread(best[..., 1]),
         "aliasing_turn": context.spread(best[..., 2]),
         "aliasing_likeness": context.spread(best[..., 3]),
-        "aliasing_distance": context.spread(apart),
+        "aliasing_distance": context.spread(distance),
     }
 
 

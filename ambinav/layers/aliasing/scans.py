@@ -127,15 +127,15 @@ class Scans:
     @property
     def explored(self) -> Bools:
         """Possible poses where fewer than half of the beams end in unknown space, shape (N,)."""
-        known = self.known[:, : self.ranges].mean(axis=1)
-        return np.asarray(self.possible & (1.0 - known < UNEXPLORED))
+        explored_share = self.known[:, : self.ranges].mean(axis=1)
+        return np.asarray(self.possible & (1.0 - explored_share < UNEXPLORED))
 
 
 def _orbits(around: Indices) -> Indices:
     """Return the beams one orbit after the other, each in the order of the turns."""
-    left, order = set(range(around.shape[1])), []
-    while left:
-        orbit = around[:, min(left)].tolist()
-        left -= set(orbit)
+    remaining, order = set(range(around.shape[1])), []
+    while remaining:
+        orbit = around[:, min(remaining)].tolist()
+        remaining -= set(orbit)
         order += orbit
     return np.array(order, dtype=np.intp)

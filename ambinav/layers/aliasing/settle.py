@@ -62,8 +62,8 @@ def settle_at(context: LayerContext, heading: int, cell: Indices, alike: Floats)
         x, y, turn and likeness, shape (M, 4). NaN for what moves within R of its pose, or to where
         half of the beams or more end in unknown space, or where the robot cannot stand.
     """
-    own = float(context.headings[heading])
-    poses = alike + np.array([0.0, 0.0, own])
+    yaw = float(context.headings[heading])
+    poses = alike + np.array([0.0, 0.0, yaw])
     entries = np.full((len(cell), 4), np.nan)
     scans = context.returns(heading).data
     for begin in range(0, len(cell), CHUNK):
@@ -72,7 +72,7 @@ def settle_at(context: LayerContext, heading: int, cell: Indices, alike: Floats)
     x, y = context.points
     near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= context.radius
     entries[near] = np.nan
-    entries[:, 2] = math.pi - np.mod(math.pi - entries[:, 2] + own, math.tau)
+    entries[:, 2] = math.pi - np.mod(math.pi - entries[:, 2] + yaw, math.tau)
     return entries
 
 
@@ -88,7 +88,7 @@ def _settle(context: LayerContext, scans: Floats32, cell: Indices, poses: Floats
     best = np.full((len(cell), 4), np.nan)
     least = np.full(len(cell), np.inf)
     data = np.empty((len(cell), *scans.shape[1:]), dtype=np.float32)
-    apart, moved = np.empty(len(cell)), np.empty((len(cell), 3))
+    energy, moved = np.empty(len(cell)), np.empty((len(cell), 3))
     for _ in range(ROUNDS):
         heading = np.rint(poses[:, 2] / HEADING_STEP) * HEADING_STEP
         stands = can_stand(
@@ -101,12 +101,12 @@ def _settle(context: LayerContext, scans: Floats32, cell: Indices, poses: Floats
         run_rows(
             approach, len(cell), scans, cell, data, poses[:, 2] - heading, table.limit,
             table.inverse_cap, table.use, evidence, model.tau, context.spacing**2 / 4.0,
-            model.sigma_theta**2, apart, moved, least=64,
+            model.sigma_theta**2, energy, moved, least=64,
         )  # fmt: skip
         blind = (data[:, 4, :beams] >= 0.5 * BLIND).mean(axis=1)
-        better = (apart < least) & (blind < UNEXPLORED) & stands
-        best[better, :3], best[better, 3] = poses[better], np.exp(-apart[better])
-        least[better] = apart[better]
+        better = (energy < least) & (blind < UNEXPLORED) & stands
+        best[better, :3], best[better, 3] = poses[better], np.exp(-energy[better])
+        least[better] = energy[better]
         poses[:, :2] += moved[:, :2]
         poses[:, 2] = heading + moved[:, 2]
     return best

@@ -64,16 +64,16 @@ def find_motions(targets: Targets, together: Bools, tolerance: float, needed: in
     count = len(targets)
     by_map: dict[bytes, Floats] = {}
     first, second = np.nonzero(together & ~np.eye(count, dtype=np.bool_))
-    apart = np.hypot(*(targets.middle[first] - targets.middle[second]).T)
+    distance = np.hypot(*(targets.middle[first] - targets.middle[second]).T)
     onto = np.empty((len(first), count), dtype=np.int32)
     of = np.empty((len(first), 4))
     for i, j in np.argwhere(np.triu(together, 1)).tolist():
         length = math.dist(targets.middle[i], targets.middle[j])
-        alike = np.flatnonzero(np.abs(apart - length) <= 2.0 * tolerance)
-        kept = _map_pair(
+        alike = np.flatnonzero(np.abs(distance - length) <= 2.0 * tolerance)
+        motion_count = _map_pair(
             i, j, first[alike], second[alike], targets.middle, tolerance, needed, of, onto
         )
-        by_map |= {onto[k].tobytes(): of[k].copy() for k in range(kept)}
+        by_map |= {onto[k].tobytes(): of[k].copy() for k in range(motion_count)}
     if not by_map:
         return Motions(np.empty((0, 4)), np.empty((0, count), dtype=np.int32))
     maps = np.stack([np.frombuffer(key, dtype=np.int32) for key in by_map])

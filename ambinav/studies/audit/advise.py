@@ -66,9 +66,9 @@ def advise(
         within(progress, 0.0, 0.7),
     )  # fmt: skip
     helps = result.helps
-    most = max((change.removed for change in tried), default=0.0)
-    wanted = posts if posts is not None else could_pay(result.amap, result.scanner, most)
-    if wanted:
+    gain = max((change.removed for change in tried), default=0.0)
+    try_posts = posts if posts is not None else could_pay(result.amap, result.scanner, gain)
+    if try_posts:
         helps = find_posts(
             result.environment, result.scanner, result.amap, result.reach, posts or 3, trips, rng,
             within(progress, 0.7, 1.0),
@@ -98,13 +98,13 @@ def decide(
     if not candidates:
         return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]
-    others: dict[str, Counterfactual] = {}
+    by_kind: dict[str, Counterfactual] = {}
     # In the order of the trials: that of a set would depend on addresses in memory.
     for change in sorted(
         dict.fromkeys((*paying, *reaching)), key=lambda change: change.after.value
     ):
         if change.kind != first.kind:
-            others.setdefault(change.kind, change)
+            by_kind.setdefault(change.kind, change)
     sentence = (
         f"{first.title}: floor where {result.scanner.name} leaves the robot lost falls from "
         f"{metres2(before)} to {_area_text(first.after)} of {metres2(result.area)}."
@@ -119,7 +119,7 @@ def decide(
     elif gate is not None:
         is_open = _passes(gate, first) is None
         sentence += UNKNOWN_GATE if is_open else " The gate fails even then."
-    return Verdict(first.kind, sentence, before, (first, *others.values()), tuple(tried), gated)
+    return Verdict(first.kind, sentence, before, (first, *by_kind.values()), tuple(tried), gated)
 
 
 def _passes(gate: GateCheck, change: Counterfactual) -> bool | None:

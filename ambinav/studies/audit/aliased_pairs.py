@@ -82,9 +82,9 @@ def find_aliased_pairs(
     """
     entries = aliased.poses.reshape(len(aliased.poses), -1, 4)
     x, y = context.points
-    apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
+    distance = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
     # NaN is no aliased pose, and compares as False.
-    linked = (entries[..., 3] >= LEAST_LIKENESS) & (apart >= LEAST_DISTANCE)
+    linked = (entries[..., 3] >= LEAST_LIKENESS) & (distance >= LEAST_DISTANCE)
     least = max(LEAST_CELLS, math.ceil(LEAST_AREA / context.spacing**2))
     regions = join(context, entries, linked, least)
     weight = np.array([entries[region][:, 3].sum() for region in regions])
@@ -104,20 +104,20 @@ def find_aliased_pairs(
         if shown[cells].mean() > 0.5:
             continue
         notable = (region_of >= 0) & (weight[region_of] >= LEAST_SHARE * weight[i])
-        start = _start_cell(x, y, notable.sum(axis=1), apart, regions[i])
+        start = _start_cell(x, y, notable.sum(axis=1), distance, regions[i])
         at = float(x[start]), float(y[start])
         if any(math.dist(at, end) < LEAST_DISTANCE for pair in pairs for end in pair.ends):
             continue
-        own = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
+        alias = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
         # Regions shown by an earlier letter are not listed again.
-        own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
+        alias = {r: c for r, c in alias.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
-        for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            pair = _make_pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
+        for r in sorted(alias, key=lambda r: (r != i, -weight[r])):
+            pair = _make_pair(context, chr(ord("A") + letter), start, entries[start, alias[r]],
                          entries[regions[r]], regions[r][0])  # fmt: skip
             # Where a region looks like itself along a wall, one pair stands for its neighbours.
             place = pair.other_x, pair.other_y
-            if all(math.dist(place, other) >= LEAST_DISTANCE for other in places):
+            if all(math.dist(place, shown_place) >= LEAST_DISTANCE for shown_place in places):
                 places.append(place)
                 pairs.append(pair)
             shown[regions[r][0]] = True
@@ -140,22 +140,22 @@ def _mark_aliased(shown: Bools, regions: list[tuple[Cells, Cells]]) -> None:
 
 
 def _start_cell(
-    x: Floats, y: Floats, many: Indices, apart: Floats, region: tuple[Cells, Cells]
+    x: Floats, y: Floats, match_count: Indices, match_distance: Floats, region: tuple[Cells, Cells]
 ) -> int:
     """Choose the start cell of a region's pairs.
 
     Among the cells that lie in most regions, take those with the farthest aliased poses, and of
     these the middle one.
     """
-    cells, distance = region[0], apart[region]
-    rich = many[cells] == many[cells].max()
+    cells, distance = region[0], match_distance[region]
+    rich = match_count[cells] == match_count[cells].max()
     cells, distance = cells[rich], distance[rich]
     far = cells[distance >= 0.9 * distance.max()]
     return int(far[np.hypot(x[far] - x[far].mean(), y[far] - y[far].mean()).argmin()])
 
 
 def _make_pair(
-    context: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
+    context: LayerContext, letter: str, start: int, alias: Floats, alike: Floats, cells: Cells
 ) -> AliasedPair:
     """Describe the region `cells` with the aliased poses `alike`, seen from the cell `start`."""
     x, y = context.points
@@ -163,9 +163,9 @@ def _make_pair(
         letter=letter,
         x=round(float(x[start]), 6),
         y=round(float(y[start]), 6),
-        other_x=float(there[0]),
-        other_y=float(there[1]),
-        turn=float(there[2]),
+        other_x=float(alias[0]),
+        other_y=float(alias[1]),
+        turn=float(alias[2]),
         likeness=float(alike[:, 3].mean()),
         area=len(cells) * context.spacing**2,
         cells=np.column_stack([x[cells], y[cells]]),

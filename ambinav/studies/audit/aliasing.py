@@ -90,10 +90,10 @@ def find_aliasing(
         return AliasingFindings(poses, spacing, False)
     aliased, sought = seek(amap, context, progress)
     # A heading at which half of the beams end in unknown space gives no information.
-    known = np.isfinite(aliased.area[sought])
-    known_headings = np.maximum(known.sum(axis=1), 1)
-    share = np.where(known, aliased.share[sought], 0.0).sum(axis=1) / known_headings
-    share = share[known.any(axis=1)]
+    is_finite = np.isfinite(aliased.area[sought])
+    known_headings = np.maximum(is_finite.sum(axis=1), 1)
+    share = np.where(is_finite, aliased.share[sought], 0.0).sum(axis=1) / known_headings
+    share = share[is_finite.any(axis=1)]
     area = amap.judged.area(amap.judged.counted)
     if not share.size:
         return AliasingFindings(0, spacing, False)
@@ -103,7 +103,7 @@ def find_aliasing(
         True,
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
-        float((share >= 0.5).mean() * known.any(axis=1).mean()) * area,
+        float((share >= 0.5).mean() * is_finite.any(axis=1).mean()) * area,
         find_aliased_pairs(context, aliased, letters),
     )
 
@@ -140,8 +140,8 @@ def seek(
     alike = follow(context, settle(context, aliased.poses))
     # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])
-    there = own_places(amap, at[..., 0], at[..., 1])
-    alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
+    aliased_place = own_places(amap, at[..., 0], at[..., 1])
+    alike[(aliased_place > 0) & (aliased_place == place[:, np.newaxis, np.newaxis])] = np.nan
     return dataclasses.replace(aliased, poses=alike), sought
 
 

@@ -74,16 +74,16 @@ def join(
             to = neighbours(context, cell, step)
             cell, to = cell[to >= 0], to[to >= 0]
             predicted = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
-            other = entries[to][:, np.newaxis]
+            targets = entries[to][:, np.newaxis]
             fits = linked[cell][:, :, np.newaxis] & linked[to][:, np.newaxis]
-            fits &= same(context.spacing, predicted, other)
-            off = np.hypot(predicted[..., 0] - other[..., 0], predicted[..., 1] - other[..., 1])
+            fits &= same(context.spacing, predicted, targets)
+            off = np.hypot(predicted[..., 0] - targets[..., 0], predicted[..., 1] - targets[..., 1])
             off = np.where(fits, off, np.inf)
             # One to one: otherwise a pose that slides along a wall would join with all its aliases.
             for axis in (1, 2):
                 fits &= off <= off.min(axis=axis, keepdims=True)
-            row, here, there = np.nonzero(fits)
-            ends.append((cell[row] * count + here, to[row] * count + there))
+            row, source, target = np.nonzero(fits)
+            ends.append((cell[row] * count + source, to[row] * count + target))
     joined = tuple(np.concatenate(side) for side in zip(*ends, strict=True))
     size = linked.size
     graph = coo_array((np.ones(len(joined[0]), dtype=np.int8), joined), shape=(size, size))

@@ -45,13 +45,13 @@ def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> N
         to, alike = to[missing], alike[missing]
         # One for each pose at a time, since the next may predict the same one.
         _, now = np.unique(to, return_index=True)
-        there = settle_at(context, heading, to[now], alike[now])
-        good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
-        cell, there = to[now][good], there[good]
-        entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
-        more = _predict(context, cell, there)
-        to = np.concatenate([np.delete(to, now), more[0]])
-        alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
+        settled = settle_at(context, heading, to[now], alike[now])
+        good = (settled[:, 3] >= LEAST_LIKENESS) & same(spacing, settled, alike[now])
+        cell, settled = to[now][good], settled[good]
+        entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = settled
+        predicted = _predict(context, cell, settled)
+        to = np.concatenate([np.delete(to, now), predicted[0]])
+        alike = np.concatenate([np.delete(alike, now, axis=0), predicted[1]])
 
 
 def _missing(spacing: float, entries: Floats, to: Indices, alike: Floats) -> Bools:
@@ -59,14 +59,14 @@ def _missing(spacing: float, entries: Floats, to: Indices, alike: Floats) -> Boo
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
         rows = slice(first, first + CHUNK)
-        own = entries[to[rows]]
-        missing[rows] = ~same(spacing, own, alike[rows, np.newaxis]).any(axis=1)
-        missing[rows] &= np.isnan(own[..., 3]).any(axis=1)
+        present = entries[to[rows]]
+        missing[rows] = ~same(spacing, present, alike[rows, np.newaxis]).any(axis=1)
+        missing[rows] &= np.isnan(present[..., 3]).any(axis=1)
     return missing
 
 
 def _predict(context: LayerContext, cell: Indices, alike: Floats) -> tuple[Indices, Floats]:
     """Return the neighbours of cells and their predicted aliased poses, shape (M, 3)."""
     to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
-    there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
-    return to[to >= 0], there[to >= 0]
+    predicted = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
+    return to[to >= 0], predicted[to >= 0]

@@ -209,10 +209,10 @@ def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
 
 def _mean_axis(axis: Floats, weight: Floats) -> float | None:
     """Compute the mean of axes (period pi); None if few cells have one or they disagree."""
-    known = np.isfinite(axis)
-    if known.sum() < 0.5 * axis.size:
+    is_finite = np.isfinite(axis)
+    if is_finite.sum() < 0.5 * axis.size:
         return None
-    resultant = np.sum(weight[known] * np.exp(2j * axis[known])) / np.sum(weight[known])
+    resultant = np.sum(weight[is_finite] * np.exp(2j * axis[is_finite])) / np.sum(weight[is_finite])
     if abs(resultant) < 0.5:
         return None
     angle = float(np.angle(resultant)) / 2.0
@@ -225,5 +225,5 @@ def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float,
         return ()
     level = amap.dataset["level"].values[row, column]
     theta = amap.dataset["theta"].values
-    known = np.isfinite(level)
-    return tuple(zip(theta[known].tolist(), level[known].tolist(), strict=True))
+    is_finite = np.isfinite(level)
+    return tuple(zip(theta[is_finite].tolist(), level[is_finite].tolist(), strict=True))

@@ -128,14 +128,14 @@ class Audit:
                 "its position in no direction."
             )
         if self.amap.has_theta and self.heading == "mean":
-            best, most = (
+            best, worst = (
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
                 "Zones are those of half or more of the headings: at the best heading of each "
                 "place the robot can tell its position well on "
                 f"{percent(best[LOCALIZABLE].share)}, at the worst heading on "
-                f"{percent(most[LOCALIZABLE].share)}."
+                f"{percent(worst[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)

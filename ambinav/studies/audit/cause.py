@@ -73,26 +73,26 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
         nearest = f"the nearest wall is {sight.distance[at_wall].min():.1f} m away"
         return Cause((), f"{at_wall.sum()} of {sight.beams} beams reach a wall; {nearest}.")
     if len(walls) == 2:
-        apart = sum(wall.distance for wall in walls)
-        what, them = f"Two walls run along the weak direction, {apart:.1f} m apart", "them"
+        separation = sum(wall.distance for wall in walls)
+        text, them = f"Two walls run along the weak direction, {separation:.1f} m apart", "them"
     else:
-        what, them = f"One wall runs along the weak direction, {walls[0].distance:.1f} m away", "it"
+        text, them = f"One wall runs along the weak direction, {walls[0].distance:.1f} m away", "it"
     where = " and ".join(wall.text for wall in walls)
     across = int((at_wall & ~along).sum())
     if not across:
-        rest = f"nothing across {them} stands within {reach}"
+        across_text = f"nothing across {them} stands within {reach}"
     else:
         only = "only " if across <= FEW * sight.beams else ""
-        rest = f"{only}{across} of {sight.beams} beams end on another wall"
-    return Cause(walls, f"{what}, {where} m; {rest}.")
+        across_text = f"{only}{across} of {sight.beams} beams end on another wall"
+    return Cause(walls, f"{text}, {where} m; {across_text}.")
 
 
 def _walls_along(sight: Sight, along: Bools, direction: float) -> tuple[SeenWall, ...]:
     """Return, on either side, the wall along a direction on which most beams end."""
     ahead = np.array([math.cos(direction), math.sin(direction)])
     left = np.array([-ahead[1], ahead[0]])
-    here = np.array([sight.x, sight.y])
-    hit = sight.hit[along] - here
+    position = np.array([sight.x, sight.y])
+    hit = sight.hit[along] - position
     offset, place = hit @ left, hit @ ahead
     walls = []
     for side in (offset > 0.0, offset <= 0.0):
@@ -104,7 +104,7 @@ def _walls_along(sight: Sight, along: Bools, direction: float) -> tuple[SeenWall
             continue
         depth = float(np.median(offset[mine]))
         first, last = (
-            tuple((here + depth * left + at * ahead).tolist())
+            tuple((position + depth * left + at * ahead).tolist())
             for at in (place[mine].min(), place[mine].max())
         )
         walls.append(SeenWall(first, last, abs(depth)))

@@ -163,7 +163,7 @@ QUANTITIES: Final[Quantities] = catalogue(
 """By their names."""
 
 
-def _aliased(report: Document, what: str) -> float | None:
+def _aliased(report: Document, figure: str) -> float | None:
     aliasing = report.aliasing
     if aliasing is None or not aliasing.sought or aliasing.share is None:
         return None
@@ -171,4 +171,4 @@ def _aliased(report: Document, what: str) -> float | None:
         "share": 100.0 * aliasing.share,
         "area": aliasing.area_m2,
         "pairs": float(len(aliasing.pairs)),
-    }[what]
+    }[figure]

@@ -70,7 +70,7 @@ class GateCheck:
         following = [c for c in self._conditions if c.quantity.name in BY_AREA]
         if any(judge(condition, changed).holds for condition in following):
             return False
-        left = {c.quantity.name for c in self.failing} - BY_AREA
-        if left & FIXED:
+        undecided = {c.quantity.name for c in self.failing} - BY_AREA
+        if undecided & FIXED:
             return False
-        return None if left else True
+        return None if undecided else True

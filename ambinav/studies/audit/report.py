@@ -116,7 +116,7 @@ def _write_texts(
 
 
 def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
-    """Return what the documents say.
+    """Return the content of the documents.
 
     Args:
         report: The figures.

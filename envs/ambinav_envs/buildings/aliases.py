@@ -58,10 +58,10 @@ class Aliases:
         headings = context.headings[: matches.shape[1]]
         truth = np.empty((*matches.shape[:2], 3))
         truth[..., 0], truth[..., 1], truth[..., 2] = (x[:, None], y[:, None], headings)
-        apart = np.hypot(
+        distance = np.hypot(
             matches[..., 0] - truth[..., None, 0], matches[..., 1] - truth[..., None, 1]
         )
-        good = (matches[..., 3] >= LIKE) & (apart >= APART)
+        good = (matches[..., 3] >= LIKE) & (distance >= APART)
         # The turn becomes the heading there.
         poses = matches[..., :3] + truth[..., None, :] * (0.0, 0.0, 1.0)
         poses[~good] = np.nan
@@ -102,9 +102,9 @@ class Aliases:
         nearest = int(np.argmin(off + turn))
         if off[nearest] > APART:
             return None
-        there = self.alike[nearest]
+        alias = self.alike[nearest]
         # The same offset from the alias as from the cell.
-        aliases = compose(there, between(self.poses[nearest], pose))
+        aliases = compose(alias, between(self.poses[nearest], pose))
         aliases[:, 2] = wrap_angles(aliases[:, 2])
         wrong = compose(pose, between(aliases, np.append(goal, 0.0)))
         far_aliases = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
@@ -137,8 +137,8 @@ def hypotheses(poses: Floats, prior: tuple[float, float], state: UInts) -> Float
         The poses and their probabilities, shape (H, 4).
     """
     count = len(poses)
-    most = prior[0] + (prior[1] - prior[0]) * uniform(state)
-    favoured = 0 if uniform(state) < most else 1 + int(uniform(state) * (count - 1))
-    priors = np.full(count, (1.0 - most) / (count - 1))
-    priors[favoured] = most
+    largest = prior[0] + (prior[1] - prior[0]) * uniform(state)
+    favoured = 0 if uniform(state) < largest else 1 + int(uniform(state) * (count - 1))
+    priors = np.full(count, (1.0 - largest) / (count - 1))
+    priors[favoured] = largest
     return np.column_stack([poses, priors])

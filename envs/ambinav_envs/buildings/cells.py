@@ -113,7 +113,7 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
         if rooms[i].distance(rooms[j]) > wall * (1.0 + _EXACT):
             continue
         for ax, ay, ux, uy, length in edges[i]:
-            for bx, by, vx, vy, other in edges[j]:
+            for bx, by, vx, vy, other_start in edges[j]:
                 # Both run counter-clockwise: along the same wall in opposite directions.
                 if ux * vx + uy * vy > -0.5 or abs(ux * vy - uy * vx) > _EXACT:
                     continue
@@ -121,7 +121,7 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
                 if abs(gap - wall) > 1e3 * _EXACT:
                     continue
                 start = ux * (bx - ax) + uy * (by - ay)
-                low, high = max(start - other, 0.0), min(start, length)
+                low, high = max(start - other_start, 0.0), min(start, length)
                 if high - low >= least:
                     along, out = 0.5 * (low + high), 0.5 * wall
                     middle = ax + along * ux + out * uy, ay + along * uy - out * ux

@@ -121,8 +121,8 @@ def _passages(
     along = np.arange(_BETWEEN * (len(cells) - 1) + 1) / _BETWEEN
     points = np.stack([np.interp(along, np.arange(len(cells)), axis) for axis in cells.T], axis=1)
     ends = np.stack([task.start[:2], task.goal])
-    apart = np.hypot(*(points[:, np.newaxis] - ends).transpose(2, 0, 1)).min(axis=1)
-    points = points[apart > _APART]
+    distance = np.hypot(*(points[:, np.newaxis] - ends).transpose(2, 0, 1)).min(axis=1)
+    points = points[distance > _APART]
     if not len(points):
         return np.empty((0, 6))
     angle = np.arange(_CROSSINGS) * math.pi / _CROSSINGS

@@ -58,9 +58,9 @@ class Plan:
     def stand(self, room: shapely.Polygon, shape: BaseGeometry) -> bool:
         """Place an object in a room, if a robot can still drive around it.
 
-        It may reach into the walls. It keeps off doors, and `AISLE` from other
-        things and from walls, but for one wall or two neighbouring ones that it may touch. Round
-        any thing that does not touch there is then a passage, and no two things close one.
+        It may reach into the walls. It keeps clear of doors, and keeps a distance of `AISLE` to
+        other objects and to walls, except one wall or two neighbouring ones that it may touch.
+        Hence robots can pass every object where it touches no wall, also between two objects.
 
         Returns:
             Whether it now stands there.

@@ -167,7 +167,7 @@ def _with_hall(
     sampler: PlanSampler, parameters: ProceduralParameters, floor: Ring
 ) -> tuple[list[Ring], list[Ring]]:
     """Cut a large hall from a corner of the floor; return the remaining floor and the hall."""
-    left: list[Ring] = []
+    rooms: list[Ring] = []
     hall = floor
     corner = floor[sampler.count(0, 3)]
     for degrees in sampler.shuffled((0.0, 90.0)):
@@ -178,8 +178,8 @@ def _with_hall(
         parts = cut(hall, (float(x), float(y)), degrees)
         near, far = parts if inwards is not normal else parts[::-1]
         if is_roomy(far, *ROOM):
-            hall, left = near, [*left, far]
-    return (left, [hall]) if left else ([floor], [])
+            hall, rooms = near, [*rooms, far]
+    return (rooms, [hall]) if rooms else ([floor], [])
 
 
 def _with_corridor(
@@ -192,11 +192,11 @@ def _with_corridor(
         middle = _inside(sampler, floors[0], 0.3, 0.7)
         width = sampler.between(*parameters.corridor_width) + WALL
         offset = math.radians(degrees + 90.0)
-        other = middle[0] + width * math.cos(offset), middle[1] + width * math.sin(offset)
+        opposite = middle[0] + width * math.cos(offset), middle[1] + width * math.sin(offset)
         above, below = cut(floors[0], middle, degrees)
         if not is_roomy(below, *ROOM):
             continue
-        above, strip = cut(above, other, degrees)
+        above, strip = cut(above, opposite, degrees)
         if is_roomy(above, *ROOM) and is_roomy(strip, *CORRIDOR):
             return [*floors[1:], below, above], [strip]
     return floors, []

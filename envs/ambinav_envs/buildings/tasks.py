@@ -122,8 +122,8 @@ def draw_task(
     if start is None or goal is None:
         cell, farthest, _ = _pick(state, float(shortest), float(longest), label, table, field)
         if cell < 0:
-            named = f"({end[0]:g}, {end[1]:g})"
-            raise InputError(_no_task_text(lattice, shortest, longest, named, farthest))
+            start_text = f"({end[0]:g}, {end[1]:g})"
+            raise InputError(_no_task_text(lattice, shortest, longest, start_text, farthest))
         if goal is None:
             task[3:5] = beside(state, cell, table)
             spread_from(task[3], task[4], table, field)

@@ -47,7 +47,7 @@ class Venue:
         name: Name of the suite, the map or the task.
         what: Name of a suite, or an environment.
         count: How many buildings of the suite; None for a map.
-        arguments: Arguments of the environment that a task stands for, but for its buildings.
+        arguments: Arguments of a task's environment, except its buildings.
         wrapped: The task's id if somebody wrapped its environment, see `Arena`.
         first: Number of the first of the suite's buildings.
     """
@@ -343,10 +343,10 @@ def source_for(
     place = setting.place
     if place.name not in sources:
         parameters = NavigationParameters.of({**place.arguments, **board.options})
-        first, held = (0, 1) if place.count is None else (place.first, place.count)
+        first, size = (0, 1) if place.count is None else (place.first, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
-            first=first, held=held, layers=on_request(parameters.cost_layer),
+            first=first, held=size, layers=on_request(parameters.cost_layer),
         )  # fmt: skip
     return sources[place.name]
 

@@ -162,9 +162,9 @@ def _record(
     env = gym.make(environment, **arguments)
     try:
         _check_plain(env)
-        driver, done = _Driver(method, env), []
+        driver, driven = _Driver(method, env), []
         for k, number in enumerate(episode_seeds(seed, 0, episodes)):
-            done.append(driver.drive(k, int(number)))
+            driven.append(driver.drive(k, int(number)))
             progress((k + 1) / episodes)
         metadata = {
             "algorithm_name": method.text,
@@ -178,7 +178,7 @@ def _record(
         assert evaluation is not None
         if source.environment is None:
             evaluation.kwargs |= _UNSEEN
-        buffers, ends = [buffer for buffer, _ in done], [end for _, end in done]
+        buffers, ends = [buffer for buffer, _ in driven], [end for _, end in driven]
         with warnings.catch_warnings():
             # The author and the address: those who publish it know them.
             warnings.simplefilter("ignore", UserWarning)
@@ -245,11 +245,11 @@ class _Driver:
             else:
                 action = driver.act(rows, starts, self._simulation)
             actions.append(self._action(action))
-            seen, reward, over, cut, info = self._env.step(actions[-1])
+            seen, reward, terminated, cut, info = self._env.step(actions[-1])
             observations.append(seen)
             infos.append(info)
             rewards.append(float(reward))
-            overs.append(over)
+            overs.append(terminated)
             cuts.append(cut)
             starts = np.array([False])
         buffer = EpisodeBuffer(

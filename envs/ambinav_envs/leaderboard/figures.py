@@ -27,8 +27,8 @@ Parts = tuple[Floats, Floats]
 
 def mean_parts(values: Floats) -> Parts:
     """Return numerator and denominator of a mean over the episodes that have a value (not nan)."""
-    there = ~np.isnan(values)
-    return np.where(there, values, 0.0), there.astype(np.float64)
+    is_given = ~np.isnan(values)
+    return np.where(is_given, values, 0.0), is_given.astype(np.float64)
 
 
 def _percent(which: Bools) -> Parts:
@@ -53,7 +53,7 @@ class EpisodeFigure(Figure):
     """A figure of a method.
 
     Attributes:
-        parts: Two numbers an episode: the figure is the sum of the first by that of the second.
+        parts: Two numbers an episode: the figure is the sum of the first over that of the second.
         is_share: True for a share of episodes, in percent.
     """
 
@@ -188,9 +188,9 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
     parts = np.array([figure.parts(ours) for figure in ALL_FIGURES])
     layers = [parts]
     if theirs is not None:
-        other = np.array([figure.parts(theirs) for figure in ALL_FIGURES])
-        both = ((parts[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
-        layers += [np.where(both, parts, 0.0), np.where(both, other, 0.0)]
+        their_parts = np.array([figure.parts(theirs) for figure in ALL_FIGURES])
+        in_both = ((parts[:, 1] > 0.0) & (their_parts[:, 1] > 0.0))[:, None]
+        layers += [np.where(in_both, parts, 0.0), np.where(in_both, their_parts, 0.0)]
     return np.array([np.vstack(list(layer)).T for layer in layers])
 
 
@@ -202,7 +202,7 @@ def _cells(
     Shares have score intervals, with the buildings as groups, and all others those of the draws.
     """
     totals = columns.sum(axis=1, keepdims=True)
-    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (totals, drawn))
+    value, sampled = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (totals, drawn))
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
     for k, figure in enumerate(ALL_FIGURES):
@@ -214,11 +214,11 @@ def _cells(
             interval = share(happened[0], group=building).scaled(PERCENT)
             cells.append(Cell(figure, interval, difference))
             continue
-        interval = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
+        interval = percentiles(value[0, 0, k], sampled[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
-            apart, drawn_apart = (values[1, :, k] - values[2, :, k] for values in (value, over))
-            difference = percentiles(apart[0], drawn_apart, counts[1, k])
+            gap, drawn_gap = (values[1, :, k] - values[2, :, k] for values in (value, sampled))
+            difference = percentiles(gap[0], drawn_gap, counts[1, k])
         cells.append(Cell(figure, interval, difference))
     return tuple(cells)
 

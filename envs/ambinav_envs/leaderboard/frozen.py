@@ -154,10 +154,10 @@ class FrozenBenchmark:
         self._check(str(path), environment_digest(environment), digest)
         return environment
 
-    def _check(self, name: str, here: str, digest: str) -> None:
-        if here != digest:
+    def _check(self, name: str, ours: str, digest: str) -> None:
+        if ours != digest:
             raise InputError(
-                f"benchmark v{self.version}: {name} is not the frozen one (digest {here[:12]}..., "
+                f"benchmark v{self.version}: {name} is not the frozen one (digest {ours[:12]}..., "
                 f"frozen {digest[:12]}...); use the file or the version of ambinav that it is "
                 "from, or a newer version of the benchmark."
             )

@@ -68,7 +68,7 @@ def read_judged(folder: Path, policy_file: Path) -> Judged:
         policy_file: The policy that it must belong to.
 
     Raises:
-        InputError: a file is missing or damaged, or it is of another policy.
+        InputError: a file is missing or damaged, or belongs to another policy.
     """
     path, table = folder / "evaluation.json", folder / "episodes.csv"
     for needed in (path, table):
@@ -161,8 +161,8 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
     suite_id = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
     # Who was trained in an earlier version of an id is judged in that of today.
     now = f"{trained.rpartition('-')[0]}-v1"
-    here = now if trained not in IDS and now in IDS else trained
-    env_id = here if same else suite_id if suite_id in IDS else NAVIGATION
+    trained_in = now if trained not in IDS and now in IDS else trained
+    env_id = trained_in if same else suite_id if suite_id in IDS else NAVIGATION
     return env_id, env_id
 
 

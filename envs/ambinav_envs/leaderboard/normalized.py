@@ -5,8 +5,8 @@
 The score is the share of episodes that arrived: it needs no reward. *Blind* is `BLIND`, which
 follows the shortest route by its estimate and looks neither at its readings nor at the ambiguity
 map. *True pose* is the same one in the twin without localization error (`ambinav_envs.twins`), so
-that their difference, the room, is what that error costs, and nothing else. Who drives better than
-both, around boxes say, has more than 1.
+that their difference, the room, is the cost of that error alone. A method that drives better than
+both, for example around boxes, scores more than 1.
 """
 
 from __future__ import annotations
@@ -97,10 +97,10 @@ def _score(shares: Floats, drawn: Floats, count: int) -> Interval:
     The few draws without room say nothing, so each counts as the worst for either end.
     """
     gain, room = drawn[:, 0] - drawn[:, 1], drawn[:, 2] - drawn[:, 1]
-    there = room > 0.0
+    has_room = room > 0.0
     score = np.full(len(drawn), math.inf)
-    np.divide(gain, room, out=score, where=there)
+    np.divide(gain, room, out=score, where=has_room)
     value = float((shares[0] - shares[1]) / (shares[2] - shares[1]))
     high = percentiles(value, score, count).high
-    low = percentiles(value, np.where(there, score, -math.inf), count).low
+    low = percentiles(value, np.where(has_room, score, -math.inf), count).low
     return Interval(value, low, high, count)

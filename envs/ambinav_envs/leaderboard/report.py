@@ -147,7 +147,7 @@ def document(
 
 
 def content(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> Content:
-    """Return what the documents say, and the table."""
+    """Return the content of the documents, and the table."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "interval": interval_text,

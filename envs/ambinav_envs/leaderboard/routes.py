@@ -82,8 +82,8 @@ class Routes:
         """Return waypoints from start to goal of each task, shape (M, 3); None without a route."""
         items = list(zip(buildings, tasks, strict=True))
         keys = [_key(*item) for item in items]
-        both = zip(keys, items, strict=True)
-        todo = {key: item for key, item in both if key not in self._routes}
+        pairs = zip(keys, items, strict=True)
+        todo = {key: item for key, item in pairs if key not in self._routes}
         for margin in MARGINS:
             if not todo:
                 break

@@ -236,7 +236,7 @@ def verify(
 def _entries_in(record: Record, policies: Sequence[str], trust: bool) -> list[Entry]:
     """Load the policies of a submission; those that it does not contain are among `policies`."""
     entries = []
-    others = {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in policies)}
+    unmatched = {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in policies)}
     for policy in record["policies"]:
         tasks, name, checksum = policy["tasks"], policy["name"], policy["sha256"]
         if policy["kind"] == "reactive":
@@ -247,13 +247,13 @@ def _entries_in(record: Record, policies: Sequence[str], trust: bool) -> list[En
                 path.write_bytes(base64.b64decode(policy["file"]))
                 entry = Entry.of(tasks, str(path))
             entries.append(replace(entry, method=replace(entry.method, name=name)))
-        elif checksum in others:
-            entries.append(replace(others.pop(checksum), tasks=tasks))
+        elif checksum in unmatched:
+            entries.append(replace(unmatched.pop(checksum), tasks=tasks))
         else:
             raise InputError(
                 f"policy {name!r} is not part of the submission; give it with --policy "
                 f"(SHA-256 {checksum[:12]}...)."
             )
-    if others:
+    if unmatched:
         raise InputError("--policy: the submission has no such policy; leave it out.")
     return entries

@@ -120,35 +120,35 @@ def _contradictions_in(part: str, record: Record, frozen: FrozenBenchmark) -> It
 
 def first_difference(record: Record, rerun: Record) -> str | None:
     """Return a sentence that names the first field whose value is another one here."""
-    for policy, here in zip(record["policies"], rerun["policies"], strict=True):
+    for policy, fresh_row in zip(record["policies"], rerun["policies"], strict=True):
         # The name of a file is anybody's choice, and a large file is known by its digest.
         for name in ("kind", "sha256"):
-            if policy[name] != here[name]:
+            if policy[name] != fresh_row[name]:
                 return (
                     f"policy {policy['name']!r}: {name} is {policy[name]} in the file, but "
-                    f"{here[name]} here."
+                    f"{fresh_row[name]} here."
                 )
     for part in (part for part in PARTS if record.get(part) != rerun.get(part)):
         for task, rows in (record[part]["episodes"] or {}).items():
-            for row, here in zip(rows, rerun[part]["episodes"][task], strict=True):
-                if row != here:
-                    return f"{task}, {_difference(Outcome(*row), Outcome(*here))}"
+            for row, fresh_row in zip(rows, rerun[part]["episodes"][task], strict=True):
+                if row != fresh_row:
+                    return f"{task}, {_difference(Outcome(*row), Outcome(*fresh_row))}"
         for task, scores in record[part]["tasks"].items():
-            here = rerun[part]["tasks"][task]
-            for name in (name for name in scores if scores[name] != here.get(name)):
-                stored, fresh = scores[name], here.get(name)
+            fresh_row = rerun[part]["tasks"][task]
+            for name in (name for name in scores if scores[name] != fresh_row.get(name)):
+                stored, fresh = scores[name], fresh_row.get(name)
                 return f"{part}, {task}: {name} is {stored} in the file, but {fresh} here."
         for name, value in record[part]["score"].items():
-            here = rerun[part]["score"][name]
-            if value != here:
-                return f"{part}: {name} of the score is {value} in the file, but {here} here."
+            fresh_row = rerun[part]["score"][name]
+            if value != fresh_row:
+                return f"{part}: {name} of the score is {value} in the file, but {fresh_row} here."
     return None
 
 
-def _difference(row: Outcome, here: Outcome) -> str:
-    names = [name for name in Outcome._fields if getattr(row, name) != getattr(here, name)]
+def _difference(row: Outcome, fresh: Outcome) -> str:
+    names = [name for name in Outcome._fields if getattr(row, name) != getattr(fresh, name)]
     return (
-        f"{row.building}, seed {row.seed}: {_end(row)} in the file, but {_end(here)} here "
+        f"{row.building}, seed {row.seed}: {_end(row)} in the file, but {_end(fresh)} here "
         f"({', '.join(names)} differ)."
     )
 

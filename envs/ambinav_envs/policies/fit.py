@@ -133,34 +133,34 @@ def check_fit(
     return differing
 
 
-def _robot_differences(trained: Robot, here: Robot) -> list[str]:
+def _robot_differences(trained: Robot, current: Robot) -> list[str]:
     texts = []
     for field in fields(Robot):
         name, unit = _ROBOT[field.name]
-        was, now = getattr(trained, field.name), getattr(here, field.name)
+        was, now = getattr(trained, field.name), getattr(current, field.name)
         if not _same(was, now):
             texts.append(f"{name} {was:.4g}{unit}, here {now:.4g}{unit}")
     return texts
 
 
-def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]:
+def _scanner_differences(trained: RangeScanner, current: RangeScanner) -> list[str]:
     """List the differences, coarse ones first; the list is empty only if every beam is equal."""
     texts = []
-    if trained.beams != here.beams:
-        texts.append(f"beams {trained.beams}, here {here.beams}")
-    was, now = math.degrees(trained.aperture), math.degrees(here.aperture)
+    if trained.beams != current.beams:
+        texts.append(f"beams {trained.beams}, here {current.beams}")
+    was, now = math.degrees(trained.aperture), math.degrees(current.aperture)
     if not _same(was, now):
         texts.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
     for name, value_of, unit in _SENSOR.values():
-        texts += _sensor_difference(trained, here, name, value_of, unit)
+        texts += _sensor_difference(trained, current, name, value_of, unit)
     # A scanner with a full field of view has no mean direction.
-    yaw = not (trained.looks_all_around or here.looks_all_around)
-    was_at, now_at = _mount_text(trained, yaw), _mount_text(here, yaw)
+    yaw = not (trained.looks_all_around or current.looks_all_around)
+    was_at, now_at = _mount_text(trained, yaw), _mount_text(current, yaw)
     if was_at != now_at:
         texts.append(f"mount {was_at}, here {now_at}")
-    elif trained.beams == here.beams and not texts:
-        turned = np.abs(np.angle(np.exp(1j * (trained.mounts[:, 2] - here.mounts[:, 2]))))
-        moved = np.abs(trained.mounts[:, :2] - here.mounts[:, :2])
+    elif trained.beams == current.beams and not texts:
+        turned = np.abs(np.angle(np.exp(1j * (trained.mounts[:, 2] - current.mounts[:, 2]))))
+        moved = np.abs(trained.mounts[:, :2] - current.mounts[:, :2])
         if max(turned.max(), moved.max()) > SAME:
             texts.append("beams that stand or look otherwise")
     return texts
@@ -168,15 +168,15 @@ def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]
 
 def _sensor_difference(
     trained: RangeScanner,
-    here: RangeScanner,
+    current: RangeScanner,
     name: str,
     value_of: Callable[[RangeSensor], Value],
     unit: str,
 ) -> list[str]:
     """Compare one field of the sensors, beam by beam if both have as many beams."""
-    rows = [[value_of(sensor) for sensor in scanner.sensors] for scanner in (trained, here)]
-    if trained.beams == here.beams:
-        sensor_pairs = zip(trained.sensor_of_beam, here.sensor_of_beam, strict=True)
+    rows = [[value_of(sensor) for sensor in scanner.sensors] for scanner in (trained, current)]
+    if trained.beams == current.beams:
+        sensor_pairs = zip(trained.sensor_of_beam, current.sensor_of_beam, strict=True)
         same = all(
             _same(rows[0][i], rows[1][j]) for i, j in {(int(i), int(j)) for i, j in sensor_pairs}
         )
@@ -222,8 +222,8 @@ def _rounded(value: float) -> str:
     return f"{round(float(value), 4) + 0.0:g}"
 
 
-def _same(first: Value, other: Value) -> bool:
+def _same(first: Value, second: Value) -> bool:
     """Return whether two values are equal up to rounding."""
-    if isinstance(first, int | float) and isinstance(other, int | float):
-        return math.isclose(first, other, rel_tol=SAME, abs_tol=SAME)
-    return bool(first == other)
+    if isinstance(first, int | float) and isinstance(second, int | float):
+        return math.isclose(first, second, rel_tol=SAME, abs_tol=SAME)
+    return bool(first == second)

@@ -112,8 +112,8 @@ def policy_of(path: Path, name: str) -> Policy:
 def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
     """Return the checksum of a policy's source, which identifies its results.
 
-    Of a callable it is that of the file where its code stands, or that of its type. One whose code
-    is in no file gets another text every time, so that its results are never taken for known.
+    The checksum of a callable is that of the file with its code, or with the code of its type. If
+    there is no such file, it is a new text every time, so that its results are never reused.
 
     Args:
         source: Argument of `load_policy`.

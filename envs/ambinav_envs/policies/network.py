@@ -242,12 +242,12 @@ def _count(
     else:
         critic, times, out, count = seen, 1, 2 * actions, count + 2 * weights
     arch = network.net_arch
-    pi, others = (
+    pi, critics = (
         (arch.pi, (arch.vf or (), arch.qf or ())) if isinstance(arch, Branches) else (arch, (arch,))
     )
     count += sum(a * b for a, b in pairwise((seen, *pi, out)))
     return count + times * sum(
-        sum(a * b for a, b in pairwise((critic, *widths, 1))) for widths in others
+        sum(a * b for a, b in pairwise((critic, *widths, 1))) for widths in critics
     )
 
 

@@ -44,10 +44,10 @@ BUILDINGS: Final[tuple[str, ...]] = (
 
 
 def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return which observations a policy had and how it acted in an environment.
+    """Return the observations of a policy and its kind of actions in an environment.
 
     Args:
-        environment: Its arguments; what they leave out is as by default.
+        environment: Its arguments; omitted ones have their defaults.
 
     Returns:
         `SEEING`, the layer, the scanner and the robot, all of them.
@@ -106,11 +106,11 @@ class Policy(ABC):
         """Text saying that other code trained it; None if it is the same, or does not matter."""
         if self.code == "":
             return "does not say by which code it was trained, being of an earlier version"
-        here = code_digest()
-        if self.code is None or self.code == here:
+        ours = code_digest()
+        if self.code is None or self.code == ours:
             return None
         return (
-            f"was trained by other code than this (sources {self.code[:8]}; here {here[:8]}), and "
+            f"was trained by other code than this (sources {self.code[:8]}; here {ours[:8]}), and "
             "may fare otherwise than it did then"
         )
 

@@ -139,8 +139,8 @@ def misfit(trained: Plain, space: spaces.Space[Any]) -> str | None:
     for name, part in trained["parts"].items():
         remedy = REMEDIES.get(name, "make the environment as the policy's card says")
         if name not in parts:
-            there = ", ".join(parts) or "one row"
-            return f"it wants the part {name!r}, and the environment has {there}; {remedy}"
+            parts_text = ", ".join(parts) or "one row"
+            return f"it wants the part {name!r}, and the environment has {parts_text}; {remedy}"
         if parts[name]["size"] != part["size"]:
             return (
                 f"the part {name!r} has {parts[name]['size']} numbers and the policy wants "

@@ -77,7 +77,7 @@ class Marks:
         pygame.draw.polygon(self.picture, GOAL_RING, flag)
 
     def scan(self, origins: Floats, ends: Floats, echo: Bools) -> None:
-        """Draw beams, and a dot where each had an echo.
+        """Draw beams, and a dot at each echo.
 
         Args:
             origins: Origins of the beams, metres, map frame, shape (B, 2).
@@ -94,7 +94,7 @@ class Marks:
             pygame.draw.circle(self.picture, WHITE, place, 4)
 
     def trail(self, places: Floats) -> None:
-        """Draw the true positions so far as a solid line."""
+        """Draw the past true positions as a solid line."""
         self._cased(self.camera.pixels(places), ROBOT, 3)
 
     def estimated_trail(self, places: Floats) -> None:

@@ -148,7 +148,7 @@ class Renderer:
         return self._floors[key]
 
     def _beams(self, row: int) -> tuple[Floats, Floats, Bools]:
-        """Return start and end of the latest beams, shape (B, 2), and which had an echo."""
+        """Return start and end of the latest beams, shape (B, 2), and which returned an echo."""
         scanner = self._simulation.parameters.scanner
         x, y, theta = self._simulation.state["truth"][row]
         readings = self._simulation.readings[row]

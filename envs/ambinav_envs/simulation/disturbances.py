@@ -69,7 +69,7 @@ def draw_disturbances(
     """
     if not (p.kidnapped or p.slip or p.closed_door or p.start_aliases):
         return draw(site), None
-    closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
+    closing, kidnapped = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
     for attempt in range(tries if closing or p.start_aliases else 1):
         # With fewer hypotheses than the start has only where there is nothing else.
         every = attempt < tries // 2
@@ -79,7 +79,7 @@ def draw_disturbances(
     else:
         return None
     step, pose, cost = 0, np.zeros(3), 0.0
-    if taken:
+    if kidnapped:
         low, high = p.kidnap_seconds
         step = max(int((low + uniform(stream) * (high - low)) / p.dt), 1)
         pose = _draw_kidnap_pose(site, task, stream)

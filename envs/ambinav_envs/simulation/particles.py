@@ -106,7 +106,7 @@ class ParticleFilters:
         self.state.random[i] = states(np.random.Generator(np.random.PCG64(stream)), 1)[0]
 
     def expect(self, i: int, starts: Floats) -> None:
-        """Let robot i start at some poses, see `aliases.hypotheses`."""
+        """Set the starting poses of robot i, see `aliases.hypotheses`."""
         self._starts[i] = 0.0
         self._starts[i, : len(starts)] = starts
 

@@ -110,9 +110,9 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
 def _remedy(path: Path, config: Training) -> str:
     """Return advice on how to go on without this checkpoint."""
     needed = [MODEL, MEMORY, COUNTERS, *([REPLAY] if config.algorithm == "sac" else [])]
-    for other in reversed(checkpoints(path.parent)):
-        if other != path and all((other / name).is_file() for name in needed):
-            return f"remove this folder to resume from the one of step {int(other.name):,}"
+    for candidate in reversed(checkpoints(path.parent)):
+        if candidate != path and all((candidate / name).is_file() for name in needed):
+            return f"remove this folder to resume from the one of step {int(candidate.name):,}"
     return "there is no other one to resume from, so train anew, without --resume, in a new folder"
 
 
@@ -123,8 +123,8 @@ def checkpoints(folder: Path) -> list[Path]:
 
 def keep_latest(folder: Path, count: int) -> None:
     """Remove all but the latest `count` checkpoints, and all but the latest replay buffer."""
-    there = checkpoints(folder)
-    for path in there[:-count]:
+    saved = checkpoints(folder)
+    for path in saved[:-count]:
         shutil.rmtree(path, ignore_errors=True)
-    for path in there[-count:-1]:
+    for path in saved[-count:-1]:
         (path / REPLAY).unlink(missing_ok=True)

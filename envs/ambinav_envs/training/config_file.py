@@ -75,12 +75,12 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     """
     config = checked(Training, plain, where)
     folder = Path() if folder is None else folder
-    most = numba.config.NUMBA_NUM_THREADS
-    threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
-    if threads > most:
-        raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
-    apart = with_absolute_files(config.judged_apart, folder)
-    evaluation = config.evaluation.model_copy(update={"environment": apart})
+    max_threads = numba.config.NUMBA_NUM_THREADS
+    threads = min(os.cpu_count() or 1, max_threads) if config.threads is None else config.threads
+    if threads > max_threads:
+        raise InputError(f"{where}: threads is {threads}; there are cores for {max_threads}.")
+    environment = with_absolute_files(config.judged_apart, folder)
+    evaluation = config.evaluation.model_copy(update={"environment": environment})
     config = config.model_copy(
         update={
             "threads": threads,

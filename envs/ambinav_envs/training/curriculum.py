@@ -51,8 +51,8 @@ class Curriculum:
         if self.number >= len(self.stages):
             return False
         stage = self.stages[self.number]
-        over = stage.share is not None and share >= stage.share
+        has_ended = stage.share is not None and share >= stage.share
         if stage.arrival is not None and len(arrived) >= RECENT:
-            over |= sum(list(arrived)[-RECENT:]) >= stage.arrival * RECENT
-        self.number += over
-        return over
+            has_ended |= sum(list(arrived)[-RECENT:]) >= stage.arrival * RECENT
+        self.number += has_ended
+        return has_ended

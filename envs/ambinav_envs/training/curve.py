@@ -74,9 +74,9 @@ def _draw(axes: Axes, line: Line, **look: Any) -> None:
 
 def _line(rows: Sequence[Row], column: str, unit: float) -> Line:
     """Return steps and percentages of a column, where it has values."""
-    there = [(row["steps"] or 0.0, value) for row in rows if (value := row[column]) is not None]
-    there = [(steps, value) for steps, value in there if math.isfinite(value)]
-    return [steps / unit for steps, _ in there], [100.0 * value for _, value in there]
+    points = [(row["steps"] or 0.0, value) for row in rows if (value := row[column]) is not None]
+    points = [(steps, value) for steps, value in points if math.isfinite(value)]
+    return [steps / unit for steps, _ in points], [100.0 * value for _, value in points]
 
 
 def _stages(axes: Axes, rows: Sequence[Row], unit: float) -> None:

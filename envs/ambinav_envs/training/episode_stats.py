@@ -64,8 +64,8 @@ def figures_of(episodes: Sequence[Episode]) -> Figures:
     if not count:
         return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
     outcomes = [episode["outcome"] for episode in episodes]
-    there = [episode for episode in episodes if episode["outcome"] == "arrived"]
-    ratios = [e["travelled"] / e["shortest"] for e in there if e["shortest"] > 0.0]
+    arrived = [episode for episode in episodes if episode["outcome"] == "arrived"]
+    ratios = [e["travelled"] / e["shortest"] for e in arrived if e["shortest"] > 0.0]
     shares = ("arrived", "missed", "collided", "timeout")
     return {
         "episodes": float(count),

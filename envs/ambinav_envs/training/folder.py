@@ -106,10 +106,10 @@ def commit() -> str | None:
     if not (root / ".git").exists():
         return None
     try:
-        done = subprocess.run(call, capture_output=True, text=True, timeout=10, check=True)
+        result = subprocess.run(call, capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip() or None
+    return result.stdout.strip() or None
 
 
 def write_json(path: Path, plain: Mapping[str, Any]) -> None:

@@ -72,9 +72,9 @@ def hyperparameters_of(algorithm: str, values: Mapping[str, Any], envs: int) -> 
     }
     if "n_epochs" in chosen and "batch_size" not in values:
         rollout = chosen["n_steps"] * envs
-        most = min(chosen["batch_size"], rollout)
+        largest = min(chosen["batch_size"], rollout)
         # A prime number of steps is one batch: batches of one step cannot be normalized.
-        divisors = (size for size in range(most, 1, -1) if rollout % size == 0)
+        divisors = (size for size in range(largest, 1, -1) if rollout % size == 0)
         chosen["batch_size"] = next(divisors, rollout)
     return chosen
 

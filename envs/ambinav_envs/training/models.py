@@ -112,8 +112,8 @@ def round_steps(config: Training) -> int:
         return int(values["n_steps"]) * config.envs
     # Multiples of what the algorithm collects before it learns.
     piece = int(values["train_freq"]) * config.envs
-    most = SAC_ROUND if config.steps is None else min(SAC_ROUND, config.steps)
-    return piece * max(most // piece, 1)
+    max_steps = SAC_ROUND if config.steps is None else min(SAC_ROUND, config.steps)
+    return piece * max(max_steps // piece, 1)
 
 
 def _hyperparameters(config: Training) -> dict[str, Any]:

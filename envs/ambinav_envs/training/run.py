@@ -87,16 +87,16 @@ class Run:
         callback: StatusCallback,
     ) -> None:
         self.config, self.folder, self._callback = config, folder, callback
-        there = checkpoints(folder / files.CHECKPOINTS) if resume else []
+        saved = checkpoints(folder / files.CHECKPOINTS) if resume else []
         counters: dict[str, Any] = {}
         self.model: Any
-        if there:
-            restored = load_checkpoint(there[-1], config)
+        if saved:
+            restored = load_checkpoint(saved[-1], config)
             self.envs, self.model, counters = restored.envs, restored.model, restored.counters
         else:
             self.envs = TrainingEnvs(config)
             self.model = make_model(config, self.envs.outer)
-        self._saved = self.model.num_timesteps if there else -1
+        self._saved = self.model.num_timesteps if saved else -1
         self._before = float(counters.get("seconds", 0.0))
         self._next = dict(counters.get("next", self._periods()))
         best = folder / files.BEST

@@ -72,7 +72,7 @@ def _round(
     chosen: list[int] = []
     for i in np.argsort(-saved, kind="stable").tolist():
         at = int(begin[i])
-        if lost[i] > max_lost or any(abs(at - other) < span for other in chosen):
+        if lost[i] > max_lost or any(abs(at - chosen_at) < span for chosen_at in chosen):
             continue
         path = _without(points, [*chosen, at], span)
         if not chosen or forecaster.lost_probabilities([Route.through(path)])[0] <= max_lost:

@@ -190,7 +190,7 @@ def checked_covariance(covariance: ArrayLike) -> Floats:
     """Return the covariance as float64, shape (3, 3), after checks.
 
     Raises:
-        InputError: it is of another shape, not symmetric, or negative in some direction.
+        InputError: it has another shape, is not symmetric, or is negative in some direction.
     """
     out = np.array(covariance, dtype=np.float64)
     if out.shape != (3, 3) or not np.isfinite(out).all():

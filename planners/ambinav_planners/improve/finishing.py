@@ -188,11 +188,11 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
     if budget.iterations is not None:
         spent = f"{budget.iterations} {chosen.iteration}"
     space = problem.steering.space
-    others = sorted(
+    alternatives = sorted(
         p.name for p in planners().values() if space in p.spaces and p.name != chosen.name
     )
-    more = "time" if budget.iterations is None else "iterations"
+    resource = "time" if budget.iterations is None else "iterations"
     return (
         f"planner {chosen.name!r} found no path in {space} in {spent}; there may be none for this "
-        f"robot, or it takes more {more} or another planner ({', '.join(others)})."
+        f"robot, or it takes more {resource} or another planner ({', '.join(alternatives)})."
     )

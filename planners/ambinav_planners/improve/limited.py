@@ -52,7 +52,7 @@ def improve_within(
 
 def _cheaper(
     poses: Floats,
-    other: Floats | None,
+    second: Floats | None,
     service: AmbiguityService,
     checker: CollisionChecker,
     limit: BadStretchLimit,
@@ -60,10 +60,10 @@ def _cheaper(
     """Return the cheaper of two routes; the first counts only if it keeps the limit."""
     steering = checker.steering
     if not limit.kept_by(poses, service, steering):
-        return other
-    if other is None:
+        return second
+    if second is None:
         return poses
-    return min((other, poses), key=lambda route: service.route_cost(route, steering))
+    return min((second, poses), key=lambda route: service.route_cost(route, steering))
 
 
 def _at_a_price(
@@ -133,6 +133,6 @@ def priced(service: AmbiguityService, level: float, price: float) -> AmbiguitySe
     if price == 0.0:
         return service
     bad = (service.ambiguity.values > level).astype(np.float32)
-    other = copy(service)
-    other.density = replace(service.density, values=service.density.values + price * bad)
-    return other
+    copied = copy(service)
+    copied.density = replace(service.density, values=service.density.values + price * bad)
+    return copied

@@ -44,7 +44,7 @@ class Corridors:
 
     Attributes:
         graph: The motions.
-        apart: So near, metres.
+        apart: Distance within which a node is near a path, metres.
         seen: Nodes near any path, bool, shape (N,).
     """
 
@@ -78,13 +78,13 @@ class Corridors:
         return np.where(inside, cost * (1.0 + DEARER), cost)
 
 
-def within_cost(graph: MotionGraph, cost: Floats, most: float) -> Bools:
+def within_cost(graph: MotionGraph, cost: Floats, max_cost: float) -> Bools:
     """Return nodes on paths of at most a cost from start to goal, the last two nodes."""
     matrix = graph.matrix(np.maximum(cost, LEAST))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
-    come = dijkstra(matrix, indices=start, limit=most)
-    go = dijkstra(matrix.T, indices=goal, limit=most)
-    return np.asarray(come + go <= most)
+    come = dijkstra(matrix, indices=start, limit=max_cost)
+    go = dijkstra(matrix.T, indices=goal, limit=max_cost)
+    return np.asarray(come + go <= max_cost)
 
 
 def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[Floats]:
@@ -105,9 +105,9 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
         return []
     paths = [graph.poses[walk_back(before, start, goal)]]
     # Nodes on no path of nearly the least cost are left out: most of a building.
-    most = (1.0 + SLACK) * come[goal] + LEAST
-    go = dijkstra(graph.matrix(cost).T, indices=goal, limit=most)
-    graph = graph.part(come + go <= most)
+    max_cost = (1.0 + SLACK) * come[goal] + LEAST
+    go = dijkstra(graph.matrix(cost).T, indices=goal, limit=max_cost)
+    graph = graph.part(come + go <= max_cost)
     cost = graph.cost(weight)
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     corridors = Corridors.of(graph, width)

@@ -55,27 +55,27 @@ def channel_poses(
     radius = checker.footprint.outer
     step = max(min(SPACING_SHARE * spacing, RADIUS_SHARE * radius), CLOSEST_SHARE * spacing)
     # Above every value asked for: larger clearances make no difference.
-    most = radius + (ROOM + 1.0) * spacing + step
+    reach = radius + (ROOM + 1.0) * spacing + step
     grid = checker.geometry.grid
 
     def clearance(points: Floats) -> Floats:
-        return clearances(grid, points[:, 0], points[:, 1], most)
+        return clearances(grid, points[:, 0], points[:, 1], reach)
 
     points = _near_walls(x, y, free, clearance, spacing, radius, step)
-    here = clearance(points)
-    close = (here > radius - step) & (here < radius + ROOM * spacing)
-    points, here = points[close], here[close]
-    fall, direction = decreases(grid, points, here, step)
+    room = clearance(points)
+    close = (room > radius - step) & (room < radius + ROOM * spacing)
+    points, room = points[close], room[close]
+    fall, direction = decreases(grid, points, room, step)
     beside = fall > FALL_BESIDE * step
-    points, here = ridge(grid, points[beside], here[beside], direction[beside], step)
-    fall, direction = decreases(grid, points, here, step)
-    middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
+    points, room = ridge(grid, points[beside], room[beside], direction[beside], step)
+    fall, direction = decreases(grid, points, room, step)
+    middle = (fall > FALL * step) & (room >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
     points, index = _distinct(points[middle], 0.25 * step)
-    here, direction = here[middle][index], direction[middle][index]
+    room, direction = room[middle][index], direction[middle][index]
     # A channel bends: a motion between points of its middle needs some room, or points that stand
     # closer.
-    tight = here < radius + TIGHT * step
+    tight = room < radius + TIGHT * step
     along = np.column_stack([-direction[tight, 1], direction[tight, 0]])
     offsets = np.linspace(-step, step, 2 * CLOSER + 1)
     between = points[tight][:, np.newaxis] + offsets[:, np.newaxis] * along[:, np.newaxis]
@@ -125,9 +125,9 @@ def edge_poses(
     return np.asarray(inside[each, best][room[each, best] > -math.inf])
 
 
-def _distinct(points: Floats, apart: float) -> tuple[Floats, Indices]:
+def _distinct(points: Floats, pitch: float) -> tuple[Floats, Indices]:
     """Keep one point in each square of a grid, shape (K, 2); return them and their indices."""
-    _, first = np.unique(np.round(points / apart), axis=0, return_index=True)
+    _, first = np.unique(np.round(points / pitch), axis=0, return_index=True)
     first = np.sort(first)
     return points[first], first
 

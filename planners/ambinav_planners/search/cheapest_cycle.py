@@ -1,7 +1,7 @@
 """The cheapest cycle through all nodes of a small complete graph (asymmetric travelling salesman).
 
-Each node has one arc in and one out, which leaves cycles that are too short; the constraint that so
-many nodes have fewer arcs among them is added for each that a solution has, until there is none
+Each node has one arc in and one out, which leaves cycles that are too short. For each such cycle of
+a solution a constraint is added, that its nodes have fewer arcs among them, until none is left
 (Dantzig, Fulkerson & Johnson 1954, "Solution of a large-scale traveling-salesman problem",
 J. Oper. Res. Soc. Am. 2(4)). The mixed-integer programs are HiGHS's.
 """
@@ -60,12 +60,12 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
     rows: list[csr_array] = [
         _among((i, j), source, target) for i in range(count) for j in range(i) if count > 2
     ]
-    most = [1.0] * len(rows)
+    upper = [1.0] * len(rows)
     bound = 0.0
     while True:
         constraints = [LinearConstraint(degrees, 1.0, 1.0)]
         if rows:
-            constraints.append(LinearConstraint(vstack(rows), -math.inf, np.array(most)))
+            constraints.append(LinearConstraint(vstack(rows), -math.inf, np.array(upper)))
         solution = milp(
             cost[source, target], integrality=ones, bounds=Bounds(0.0, 1.0),
             constraints=constraints,
@@ -88,7 +88,7 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
             exact = len(cycles) == 1 and solution.status == 0
             return Cycle(order, total, total if exact else min(bound, total))
         rows += [_among(cycle, source, target) for cycle in cycles]
-        most += [len(cycle) - 1.0 for cycle in cycles]
+        upper += [len(cycle) - 1.0 for cycle in cycles]
 
 
 def _among(nodes: tuple[int, ...], source: Indices, target: Indices) -> csr_array:

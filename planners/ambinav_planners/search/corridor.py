@@ -48,12 +48,12 @@ def corridor(
             bound that is too high (Pohl 1970), then with those of the cheapest.
     """
     graph, count = lattice.graph, len(lattice.graph.poses)
-    more = lattice.end_motions(ends, checker)
-    cost = more.cost(service.weight)
-    from_start = np.arange(more.first[count], more.first[count + 1])
-    seen = from_start[more.target[from_start] < count]
-    last = np.flatnonzero(more.target == count + 1)
-    source = more.source[last]
+    ends_graph = lattice.end_motions(ends, checker)
+    cost = ends_graph.cost(service.weight)
+    from_start = np.arange(ends_graph.first[count], ends_graph.first[count + 1])
+    seen = from_start[ends_graph.target[from_start] < count]
+    last = np.flatnonzero(ends_graph.target == count + 1)
+    source = ends_graph.source[last]
     to_goal = np.full(count, math.inf)
     to_goal[source[source < count]] = cost[last[source < count]]
     direct = cost[last[source == count]].min(initial=math.inf)
@@ -62,7 +62,7 @@ def corridor(
 
     def searched(least: float, ratio: float) -> tuple[float, Floats]:
         best, node, come, before = _search_on(
-            graph.first, graph.target, *costs, graph.poses, ends[1], least, more.target[seen],
+            graph.first, graph.target, *costs, graph.poses, ends[1], least, ends_graph.target[seen],
             cost[seen], to_goal, direct, ratio,
         )  # fmt: skip
         if on_path is not None and math.isfinite(best):
@@ -76,7 +76,7 @@ def corridor(
     if not math.isfinite(best):
         return None
     is_within = _search_back(*lattice.into, *costs, come, to_goal, (1.0 + slack) * best)
-    return joined(graph.part(is_within), more.part(np.append(is_within, [True, True]))), best
+    return joined(graph.part(is_within), ends_graph.part(np.append(is_within, [True, True]))), best
 
 
 @kernel

@@ -134,10 +134,10 @@ class MotionGraph:
         """Return the cost of every motion at a weight, shape (E,), metres-equivalent."""
         return np.float64(weight) * self.exposure + self.fixed
 
-    def part(self, kept: Bools) -> MotionGraph:
+    def part(self, is_kept: Bools) -> MotionGraph:
         """Return the subgraph of some nodes, bool, shape (N,), in their order."""
-        nodes = np.flatnonzero(kept)
-        number = np.full(len(kept), -1, dtype=np.int32)
+        nodes = np.flatnonzero(is_kept)
+        number = np.full(len(is_kept), -1, dtype=np.int32)
         number[nodes] = np.arange(len(nodes))
         first, motions = _motions_among(nodes, number, self.first, self.target)
         return replace(
@@ -194,21 +194,21 @@ def walk_back(before: Ints32, start: int, goal: int) -> Indices:
     return np.array(nodes[::-1], dtype=np.intp)
 
 
-def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
-    """Return the motions of two graphs over the nodes of `more`, whose first ones are `graph`'s."""
-    begin = np.pad(graph.first, (0, len(more.poses) - len(graph.poses)), mode="edge")
+def joined(graph: MotionGraph, added: MotionGraph) -> MotionGraph:
+    """Join two graphs over the nodes of `added`, whose first nodes are those of `graph`."""
+    begin = np.pad(graph.first, (0, len(added.poses) - len(graph.poses)), mode="edge")
 
     def merged(name: str) -> NDArray[Any]:
-        a, b = getattr(graph, name), getattr(more, name)
+        a, b = getattr(graph, name), getattr(added, name)
         out = np.empty(len(a) + len(b), dtype=a.dtype)
-        _merge(begin, a, more.first, b, out)
+        _merge(begin, a, added.first, b, out)
         return out
 
     length = merged("length")
-    is_length = graph.fixed is graph.length and more.fixed is more.length
+    is_length = graph.fixed is graph.length and added.fixed is added.length
     return replace(
-        more,
-        first=begin + more.first,
+        added,
+        first=begin + added.first,
         target=merged("target"),
         length=length,
         fixed=length if is_length else merged("fixed"),

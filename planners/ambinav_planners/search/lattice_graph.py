@@ -111,10 +111,10 @@ class LatticeGraph:
             distance = np.hypot(*(self.graph.poses[:, :2] - end[:2]).T)
             for reach in REACH:
                 near = np.flatnonzero(distance <= reach)
-                here, there = np.tile(end, (len(near), 1)), self.graph.poses[near]
-                free = checker.motions_free(here, there)
+                end_poses, lattice_poses = np.tile(end, (len(near), 1)), self.graph.poses[near]
+                free = checker.motions_free(end_poses, lattice_poses)
                 if checker.is_directed:
-                    free |= checker.motions_free(there, here)
+                    free |= checker.motions_free(lattice_poses, end_poses)
                 seen = near[free]
                 if len(seen):
                     break

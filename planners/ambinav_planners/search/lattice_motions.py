@@ -67,8 +67,8 @@ def lattice_motions(
     outer = checker.footprint.outer
     room = np.zeros(count)
     if not checker.has_forbidden:
-        most = outer + float(lengths.max())
-        room = clearances(checker.geometry.grid, poses[:, 0], poses[:, 1], most)
+        reach = outer + float(lengths.max())
+        room = clearances(checker.geometry.grid, poses[:, 0], poses[:, 1], reach)
     cells = margin.ravel(), places, offsets
     steering = checker.steering
     kind, radius = steering.kind, steering.kernel_radius

@@ -58,12 +58,12 @@ def longest_bad(
         steering=steering,
     )
     bad = bad_stretches(chain, service.ambiguity, level)
-    most = running = 0.0
+    longest = running = 0.0
     for k in range(motions):
         if bad.all_bad[k]:
             running += length[k]
-            most = max(most, running)
+            longest = max(longest, running)
         else:
-            most = max(most, running + bad.head[k], bad.longest[k])
+            longest = max(longest, running + bad.head[k], bad.longest[k])
             running = float(bad.tail[k])
-    return float(most)
+    return float(longest)

@@ -78,14 +78,14 @@ CIRCLE = directions()
 QUICK_CELLS, QUICK_GAP = 10_000, 0.01
 
 
-def lower_bound(problem: Problem, most: float, gap: float, cells: int) -> tuple[float, float]:
+def lower_bound(problem: Problem, path_cost: float, gap: float, cells: int) -> tuple[float, float]:
     """Return a lower bound of the cost of all paths, and the edge of the finest cells, metres.
 
     Args:
         problem: Start, goal, robot and cost. A limit on bad metres and one-way lanes are not
             looked at, so the bound holds with and without.
-        most: Cost of a path, metres-equivalent; the bound is at most that.
-        gap: Share of `most` below which the bound is good enough.
+        path_cost: Cost of a path, metres-equivalent; the bound is at most that.
+        gap: Share of `path_cost` below which the bound is good enough.
         cells: No grid with more open cells than these is begun.
     """
     spacing, shape = problem.service.map.spacing, problem.service.density.free.shape
@@ -106,11 +106,11 @@ def lower_bound(problem: Problem, most: float, gap: float, cells: int) -> tuple[
         to_goal = 0.5 * grid.edges[0] * radii.on(x, y)
         # Away from the start costs rise in the direction of travel, not against it.
         limits = to_goal, np.roll(to_goal, to_goal.shape[2] // 2, axis=2)
-        return lambda part, iterations: _bounds(part, limits, (goal, start), most, iterations)
+        return lambda part, iterations: _bounds(part, limits, (goal, start), path_cost, iterations)
 
     bound, grid = prove(
         grid, lambda grid: _met_by_paths(grid, problem.checker), bounds_on, (goal, start),
-        most, gap, cells, first=FIRST_ROUNDS_BY_HEADING if by_heading else FIRST_ROUNDS,
+        path_cost, gap, cells, first=FIRST_ROUNDS_BY_HEADING if by_heading else FIRST_ROUNDS,
         carried=1.0 if by_heading else CARRIED,
     )  # fmt: skip
     return bound, grid.edges[0]
@@ -124,10 +124,10 @@ def quick_lower_bound(problem: Problem) -> float:
     checker = planar(problem.checker)
     graph = lattice_of(problem.service, checker).with_ends(problem.ends, checker)
     start = len(graph.poses) - 2
-    most = cost_to_go(graph, graph.cost(problem.service.weight), start + 1)[start]
-    if not math.isfinite(most):
+    lattice_cost = cost_to_go(graph, graph.cost(problem.service.weight), start + 1)[start]
+    if not math.isfinite(lattice_cost):
         return math.dist(problem.start[:2], problem.goal[:2])
-    return lower_bound(problem, float(most), QUICK_GAP, QUICK_CELLS)[0]
+    return lower_bound(problem, float(lattice_cost), QUICK_GAP, QUICK_CELLS)[0]
 
 
 def _allowed(problem: Problem) -> Field:
@@ -151,13 +151,13 @@ def _bounds(
     grid: ProofGrid,
     limits: tuple[Floats32, Floats32],
     places: tuple[Place, Place],
-    most: float,
+    path_cost: float,
     iterations: int,
 ) -> Floats:
     """Return lower bounds of costs to the first place and from the second, (2, R, C).
 
-    Beyond `most` they are about as much. What the grid has kept goes on from where it was; where
-    costs do not depend on the heading, that is by how much they differ from upwind costs.
+    Above `path_cost` they are about that value. The computation continues from the values kept in
+    the grid; where costs do not depend on the heading, these are differences from upwind costs.
     """
     by_heading = limits[0].shape[2] > 1
     bounds = np.empty_like(grid.kept)
@@ -167,27 +167,28 @@ def _bounds(
         for k in range(low, high):
             cost, upwind = grid.kept[k].copy(), np.zeros_like(grid.kept[k])
             if not (by_heading and cost.any()):
-                upwind = _upwind(grid, limits[k], places[k], most)
+                upwind = _upwind(grid, limits[k], places[k], path_cost)
             cost += upwind
             relax(cost, limits[k], CIRCLE, cells, iterations)
             grid.kept[k] = cost if by_heading else cost - upwind
-            cost = cost.clip(0.0, most)
-            cost = flattened(cost, steepness(cost, limits[k], CIRCLE, cells, most, BINS), most)
+            cost = cost.clip(0.0, path_cost)
+            worst = steepness(cost, limits[k], CIRCLE, cells, path_cost, BINS)
+            cost = flattened(cost, worst, path_cost)
             bounds[k] = cost - grid.at(cost, places[k])
 
     share(compute, 2)
     return bounds
 
 
-def _upwind(grid: ProofGrid, radii: Floats32, place: Place, most: float) -> Floats:
-    """Return upwind costs to a place, (R, C), at most `most`."""
+def _upwind(grid: ProofGrid, radii: Floats32, place: Place, path_cost: float) -> Floats:
+    """Return upwind costs to a place, (R, C), at most `path_cost`."""
     seeds = np.arange(radii[:, :, 0].size).reshape(radii.shape[:2])[grid.block(place)].ravel()
     step, order = radii.max(axis=2).astype(np.float64), 1 if radii.shape[2] > 1 else 2
-    cost = upwind_costs(step, grid.open_cells, seeds, most, order)
+    cost = upwind_costs(step, grid.open_cells, seeds, path_cost, order)
     for _ in range(TURNS if radii.shape[2] > 1 else 0):
         steps_along(cost, radii, CIRCLE, step)
-        cost = upwind_costs(step, grid.open_cells, seeds, most, order)
-    cost = np.minimum(cost, most)
+        cost = upwind_costs(step, grid.open_cells, seeds, path_cost, order)
+    cost = np.minimum(cost, path_cost)
     if order == 2:
         to_coefficients(cost, step)
     return np.asarray(cost)

@@ -45,43 +45,43 @@ def lower_bound_in_space(
     checker: SphereChecker,
     start: Place,
     goal: Place,
-    most: float,
+    path_cost: float,
     gap: float,
     cells: int,
 ) -> tuple[float, float]:
     """Return a lower bound of the cost of all paths, and the edge of the finest cells, metres.
 
     The edge is 0 where the straight line says enough, as it does of nearly straight ways along
-    which the cost per metre changes little, and where `most` is below a millimetre.
+    which the cost per metre changes little, and where `path_cost` is below a millimetre.
 
     Args:
         service: Service for the cost per metre; paths stay between the heights of its volume.
         checker: Checker of the robot's body.
         start: x, y, z, metres.
         goal: The same.
-        most: Cost of a path, metres-equivalent; the bound is at most that.
-        gap: Share of `most` below which the bound is good enough.
+        path_cost: Cost of a path, metres-equivalent; the bound is at most that.
+        gap: Share of `path_cost` below which the bound is good enough.
         cells: No grid with more open cells than these is begun after the first one, which is made
             coarser where it would have more than eight times as many.
     """
     ends = (goal[1], goal[0], goal[2]), (start[1], start[0], start[2])
-    line = _bound_of_line(service, *ends, most)
-    if line >= (1.0 - gap) * most or most < TINY:
+    line = _bound_of_line(service, *ends, path_cost)
+    if line >= (1.0 - gap) * path_cost or path_cost < TINY:
         return line, 0.0
 
     def bounds_on(grid: ProofGrid) -> Callable[[ProofGrid, int], Floats]:
         price = _price(grid.axes, service)
-        return lambda part, iterations: _bounds(part, price, ends, most, iterations)
+        return lambda part, iterations: _bounds(part, price, ends, path_cost, iterations)
 
     first = _reached(service, checker, ends[1], cells)
     bound, grid = prove(
         first, lambda grid: grid.open_cells if grid is first else _met(grid, checker), bounds_on,
-        ends, most, gap, cells, first=FIRST_ROUNDS, carried=CARRIED,
+        ends, path_cost, gap, cells, first=FIRST_ROUNDS, carried=CARRIED,
     )  # fmt: skip
     return max(bound, line), max(grid.edges)
 
 
-def _bound_of_line(service: VolumeService, goal: Place, start: Place, most: float) -> float:
+def _bound_of_line(service: VolumeService, goal: Place, start: Place, path_cost: float) -> float:
     """Return a lower bound by the straight line at the lowest cost per metre near to it.
 
     A path of no more than the known cost is no longer than that at the lowest cost per metre, and
@@ -92,14 +92,14 @@ def _bound_of_line(service: VolumeService, goal: Place, start: Place, most: floa
         service: Service for the cost per metre.
         goal: y, x, z, metres.
         start: The same.
-        most: Cost of a path.
+        path_cost: Cost of a path.
     """
     lattice = [service.volume.dataset[name].values.astype(np.float64) for name in "yxz"]
-    apart, length = np.array(goal) - np.array(start), math.dist(start, goal)
-    along = np.square(apart / length) if length > 0.0 else np.zeros(3)
-    middle, least = np.array(start) + 0.5 * apart, float(service.density.min())
+    offset, length = np.array(goal) - np.array(start), math.dist(start, goal)
+    along = np.square(offset / length) if length > 0.0 else np.zeros(3)
+    middle, least = np.array(start) + 0.5 * offset, float(service.density.min())
     for _ in range(BOXES):
-        longest = max(most / least, length)
+        longest = max(path_cost / least, length)
         half = 0.5 * np.sqrt(longest**2 - (1.0 - along) * length**2)
         low, high = middle - half, middle + half
         # Linear along each axis between the lattice's points, costs are least at one of these.
@@ -108,7 +108,7 @@ def _bound_of_line(service: VolumeService, goal: Place, start: Place, most: floa
             for values, a, b in zip(lattice, low, high, strict=True)
         ]
         least = float(_price(axes, service).min())
-    return min(most, least * length * (1.0 - ROUNDING))
+    return min(path_cost, least * length * (1.0 - ROUNDING))
 
 
 def are_apart(service: VolumeService, checker: SphereChecker, start: Place, goal: Place) -> bool:
@@ -128,14 +128,14 @@ def _reached(service: VolumeService, checker: SphereChecker, start: Place, cells
 
 
 def _parts(
-    service: VolumeService, checker: SphereChecker, most: int
+    service: VolumeService, checker: SphereChecker, max_cells: int
 ) -> tuple[ProofGrid, ProofGrid, Ints32]:
     """Return the first grid, a finer one, and the connected pieces of what paths may meet of that.
 
     The cells are parts of those between the points of the volume's lattice, no larger than the
     body is from its centre on; the finer ones half as large, so that a wall with the body on both
-    sides is thicker. Where that would be more than `most` finer cells, they are larger, down to the
-    lattice's own, and less is proved.
+    sides is thicker. Where that would be more than `max_cells` finer cells, they are larger, down
+    to the lattice's own, and less is proved.
     """
     volume = service.volume
     axes = [volume.dataset[name].values for name in "yxz"]
@@ -146,18 +146,18 @@ def _parts(
     size = _sizes(checker)
     while True:
         parts = np.ceil(pitch / size - 1e-9).astype(np.int64)
-        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= most or (parts == 1).all():
+        if 8.0 * math.prod((cells_of_axis * parts).tolist()) <= max_cells or (parts == 1).all():
             break
         size = size * math.cbrt(2.0)
     origin = np.array([values[0] for values in axes], dtype=np.float64) - beside * pitch
     grid, fine = (
         ProofGrid(
             tuple(origin.tolist()),
-            tuple((pitch / (parts * more)).tolist()),
-            np.ones(cells_of_axis * parts * more, dtype=np.bool_),
+            tuple((pitch / (parts * finer)).tolist()),
+            np.ones(cells_of_axis * parts * finer, dtype=np.bool_),
             np.empty(0),
         )
-        for more in (1, 2)
+        for finer in (1, 2)
     )
     pieces, _ = label(_met(fine, checker), np.ones((3, 3, 3)))
     return grid, fine, pieces
@@ -184,12 +184,12 @@ def _met(grid: ProofGrid, checker: SphereChecker) -> Bools:
     if radius <= 0.0 or (checker.half_height is not None and half <= 0.0):
         return grid.open_cells.copy()
     body = radius * (1.0 - ROUNDING), half * (1.0 - ROUNDING) if checker.half_height else -1.0
-    _, _, *rest = checker.arrays
+    _, _, *bins = checker.arrays
     cells = np.flatnonzero(grid.open_cells)
     out = np.zeros(grid.open_cells.shape, dtype=np.bool_)
     origin, shape = np.array(grid.origin), np.array(out.shape, dtype=np.int64)
     run_rows(
-        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *rest), out.reshape(-1),
+        boxes_met, len(cells), cells, shape, origin, edges, parts, (*body, *bins), out.reshape(-1),
         least=64,
     )  # fmt: skip
     return out
@@ -213,11 +213,11 @@ def _price(axes: Sequence[Floats], service: VolumeService) -> Floats:
 
 
 def _bounds(
-    grid: ProofGrid, price: Floats, places: tuple[Place, ...], most: float, iterations: int
+    grid: ProofGrid, price: Floats, places: tuple[Place, ...], path_cost: float, iterations: int
 ) -> Floats:
     """Return lower bounds of costs to the first place and from the second.
 
-    Beyond `most` they are about as much. The grid keeps by how much they differ from upwind costs.
+    Above `path_cost` they are about that value. The grid keeps their differences from upwind costs.
     """
     bounds = np.empty_like(grid.kept)
     cells = np.array(np.nonzero(grid.open_cells))
@@ -226,15 +226,15 @@ def _bounds(
     def compute(low: int, high: int) -> None:
         for k in range(low, high):
             seeds = np.arange(price.size).reshape(price.shape)[grid.block(places[k])].ravel()
-            upwind = upwind_costs_in_space(price, step, grid.open_cells, seeds, most)
-            upwind = np.minimum(upwind, most)
+            upwind = upwind_costs_in_space(price, step, grid.open_cells, seeds, path_cost)
+            upwind = np.minimum(upwind, path_cost)
             to_coefficients_in_space(upwind, price, step)
             cost = grid.kept[k] + upwind
             relax_in_space(cost, price, step, cells, iterations)
             grid.kept[k] = cost - upwind
-            cost = cost.clip(0.0, most)
-            worst = steepness_in_space(cost, price, step, cells, most, BINS)
-            cost = flattened(cost, worst, most)
+            cost = cost.clip(0.0, path_cost)
+            worst = steepness_in_space(cost, price, step, cells, path_cost, BINS)
+            cost = flattened(cost, worst, path_cost)
             bounds[k] = cost - grid.at(cost, places[k])
 
     share(compute, 2)

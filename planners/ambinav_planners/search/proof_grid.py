@@ -1,7 +1,7 @@
 """Grids of cells on which bounds are proved, and the proof that goes from grid to finer grid.
 
-A path that costs no more than one that is known stays where the bounds from the start and to the
-goal together are no higher. On that part alone the next grid is laid, with cells of half the edges.
+A path that costs no more than a known path stays where the sum of the bounds from the start and to
+the goal is no higher. The next grid covers only that part, with cells of half the edges.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class ProofGrid:
         return ProofGrid(origin, tuple(0.5 * edge for edge in self.edges), cells, fine)
 
     def _any(self, axis: int) -> Bools:
-        others = tuple(other for other in range(self.open_cells.ndim) if other != axis)
-        return np.asarray(self.open_cells.any(axis=others))
+        other_axes = tuple(index for index in range(self.open_cells.ndim) if index != axis)
+        return np.asarray(self.open_cells.any(axis=other_axes))
 
     def cell(self, place: Place) -> tuple[int, ...]:
         """Return indices of the cell around a place."""
@@ -127,7 +127,7 @@ def prove(
     met_by_paths: Callable[[ProofGrid], Bools],
     bounds_on: Callable[[ProofGrid], Callable[[ProofGrid, int], Floats]],
     places: tuple[Place, Place],
-    most: float,
+    path_cost: float,
     gap: float,
     cells: int,
     *,
@@ -139,14 +139,14 @@ def prove(
     Args:
         grid: The first grid.
         met_by_paths: Returns which open cells of a grid paths may meet.
-        bounds_on: Returns for a grid what computes bounds on it in so many iterations: lower
-            bounds of the costs to the first place and from the second, at the vertices.
+        bounds_on: Returns a function that computes bounds on a grid in a number of iterations:
+            lower bounds of the costs to the first place and from the second, at the vertices.
         places: Goal and start.
-        most: Cost of a path; the bound is at most that.
-        gap: Share of `most` below which the bound is good enough.
+        path_cost: Cost of a path; the bound is at most that.
+        gap: Share of `path_cost` below which the bound is good enough.
         cells: No grid with more open cells than these is begun.
         first: Iterations on the first grid, as `ROUNDS`.
-        carried: Share of what a grid has kept that the next one begins with.
+        carried: Factor on the values kept in a grid, for the initial values of the next one.
     """
     best = 0.0
     for rounds in chain([first], repeat(ROUNDS)):
@@ -155,24 +155,24 @@ def prove(
         for iterations in rounds:
             bounds = compute(grid, iterations)
             best = max(best, *(grid.at(bounds[k], places[1 - k]) for k in (0, 1)))
-            if best >= (1.0 - gap) * most:
-                return min(best, most), grid
+            if best >= (1.0 - gap) * path_cost:
+                return min(best, path_cost), grid
             least = grid.least(bounds[0] + bounds[1])
-            near = grid.open_cells & (least <= most * (1.0 + ROUNDING))
+            near = grid.open_cells & (least <= path_cost * (1.0 + ROUNDING))
             grid = replace(grid, open_cells=near)
         if not near.any() or 2**near.ndim * np.count_nonzero(near) > cells:
             break
         grid = grid.halved(carried)
-    return min(best, most), grid
+    return min(best, path_cost), grid
 
 
-def flattened(cost: Floats, worst: Floats, most: float) -> Floats:
+def flattened(cost: Floats, worst: Floats, path_cost: float) -> Floats:
     """Return costs with their ranges compressed where the gradient is too steep.
 
     Args:
-        cost: From 0 to `most`.
+        cost: From 0 to `path_cost`.
         worst: By what each of B even ranges is to be compressed, (B,), see `steepness`.
-        most: The end of the last range.
+        path_cost: The end of the last range.
     """
-    flat = np.concatenate([[0.0], np.cumsum((most / len(worst)) / worst)])
-    return np.interp(cost, np.linspace(0.0, most, len(worst) + 1), flat * (1.0 - ROUNDING))
+    flat = np.concatenate([[0.0], np.cumsum((path_cost / len(worst)) / worst)])
+    return np.interp(cost, np.linspace(0.0, path_cost, len(worst) + 1), flat * (1.0 - ROUNDING))

@@ -81,8 +81,8 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
 def check_reachable(problem: Problem) -> None:
     """Raise if no path leads from start to goal for any planner.
 
-    For a disc in r2 that is exact but for the forbidden cells, which are looked at on the lattice
-    only. For other robots it is whether the largest disc within the footprint gets through.
+    For a disc in r2 the test is exact, except for forbidden cells, which are tested on the lattice
+    only. For other robots it tests whether the largest disc within the footprint gets through.
 
     Raises:
         NoPathError: there is none; the message gives the area of floor that each end reaches.

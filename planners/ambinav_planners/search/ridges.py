@@ -27,34 +27,34 @@ SLACK = 1e-9
 
 
 def decreases(
-    grid: SegmentGrid, points: Floats, here: Floats, step: float
+    grid: SegmentGrid, points: Floats, room: Floats, step: float
 ) -> tuple[Floats, Floats]:
     """Return the largest decrease of the clearance from points, summed over both sides.
 
     Args:
         grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
-        here: Their clearances, shape (N,), metres.
+        room: Their clearances, shape (N,), metres.
         step: Distance to both sides, metres.
 
     Returns:
         The fall in that direction of `ACROSS` in which it is largest, shape (N,), metres, and the
         direction, a unit vector, shape (N, 2).
     """
-    most, direction = np.empty(len(points)), np.empty((len(points), 2))
-    run_rows(_decreases, len(points), points, here, step, *grid.arrays, most, direction, least=64)
-    return most, direction
+    fall, direction = np.empty(len(points)), np.empty((len(points), 2))
+    run_rows(_decreases, len(points), points, room, step, *grid.arrays, fall, direction, least=64)
+    return fall, direction
 
 
 def ridge(
-    grid: SegmentGrid, points: Floats, here: Floats, direction: Floats, step: float
+    grid: SegmentGrid, points: Floats, room: Floats, direction: Floats, step: float
 ) -> tuple[Floats, Floats]:
     """Find the highest clearance within a step of points along a direction, by golden section.
 
     Args:
         grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
-        here: Their clearances, shape (N,), metres.
+        room: Their clearances, shape (N,), metres.
         direction: A unit vector for each, shape (N, 2).
         step: Distance to both sides, metres.
 
@@ -66,7 +66,7 @@ def ridge(
         _ridge,
         len(points),
         points,
-        here,
+        room,
         direction,
         step,
         *grid.arrays,

@@ -41,13 +41,13 @@ class Narrowest(NamedTuple):
 def widest_way(
     geometry: Environment, start: Floats, goal: Floats, spacing: float
 ) -> Narrowest | None:
-    """Return the narrowest place of the way whose narrowest place is widest.
+    """Return the narrowest place of the path whose narrowest place is widest.
 
-    Ways are sought over a lattice of points; the discs up to the walls around two neighbours must
-    touch, so a way over free floor joins them. A passage may be wider than at the points in it, so
-    it counts as wide as it can be until one has looked closer: the narrowest place of the best way
-    is looked at on a finer lattice, until it is one that has been. Gaps narrower than about two
-    spacings may be missed.
+    Paths are searched over a lattice of points; the discs up to the walls around two neighbours
+    must touch, so that a path over free floor joins them. A passage may be wider than at its
+    lattice points, so it first counts with its largest possible width; the narrowest place of the
+    best path is then refined on a finer lattice, until it is one already refined. Gaps narrower
+    than about two spacings may be missed.
 
     Args:
         geometry: The walls.
@@ -56,7 +56,7 @@ def widest_way(
         spacing: Between the points, metres.
 
     Returns:
-        None if there is no way even for a point, as far as the lattice shows.
+        None if there is no path even for a point, as far as the lattice shows.
     """
     lattice = _Lattice.within(geometry, start, goal, geometry.bounds, spacing)
     # Between four points the middle is so far from them at most, and no ends are wider.
@@ -65,22 +65,22 @@ def widest_way(
     seen: dict[int, Narrowest] = {}
     narrowest = None
     for _ in range(ROUNDS):
-        way = lattice.way(wide)
-        if way is None:
+        path = lattice.way(wide)
+        if path is None:
             return None
-        k = int(wide[way].argmin())
-        if int(way[k]) in seen:
-            return seen[int(way[k])]
-        narrowest = _closer(geometry, lattice.points[way], k, spacing)
+        k = int(wide[path].argmin())
+        if int(path[k]) in seen:
+            return seen[int(path[k])]
+        narrowest = _closer(geometry, lattice.points[path], k, spacing)
         half = 0.5 * narrowest.width
         away = np.hypot(*(lattice.points - (narrowest.x, narrowest.y)).T)
-        here = (away <= max(half, spacing)) & (lattice.clearance <= half)
-        here[way[k]] = True
-        for point in np.flatnonzero(here & (wide > half)).tolist():
+        nearby = (away <= max(half, spacing)) & (lattice.clearance <= half)
+        nearby[path[k]] = True
+        for point in np.flatnonzero(nearby & (wide > half)).tolist():
             wide[point] = max(half, lattice.clearance[point])
             seen[point] = narrowest
-        if int(way[k]) not in seen:  # an end, or as narrow as it looked
-            seen[int(way[k])] = narrowest
+        if int(path[k]) not in seen:  # an end, or as narrow as it looked
+            seen[int(path[k])] = narrowest
     return narrowest
 
 
@@ -99,9 +99,9 @@ def _closer(geometry: Environment, path: Floats, k: int, spacing: float) -> Narr
     (xmin, ymin), (xmax, ymax) = points.min(axis=0) - reach, points.max(axis=0) + reach
     box = xmin, ymin, xmax, ymax
     fine = _Lattice.within(geometry, points[0], points[-1], box, spacing / FINER)
-    way = fine.way(fine.clearance)
-    if way is not None:
-        points = fine.points[way]
+    widest = fine.way(fine.clearance)
+    if widest is not None:
+        points = fine.points[widest]
     clearance = np.asarray(geometry.clearance(*points.T))
     k = int(clearance.argmin())
     return Narrowest(float(points[k, 0]), float(points[k, 1]), 2.0 * float(clearance[k]))
@@ -149,7 +149,7 @@ class _Lattice(NamedTuple):
         return cls(points, clearance, a[joined], b[joined])
 
     def way(self, wide: Floats) -> Ints | None:
-        """Return the points of the way whose narrowest one is widest, (M,); None: there is none."""
+        """Return the points of the path whose narrowest one is widest, (M,); None: no path."""
         count = len(self.points)
         # The tree of least weight holds, between any two nodes, the path whose worst edge is best.
         narrow = 1.0 / np.minimum(wide[self.a], wide[self.b]).clip(1e-9)
@@ -166,8 +166,8 @@ def _neighbours(number: Ints) -> list[tuple[Ints, Ints]]:
     rows, columns = number.shape
     pairs = []
     for down, right in STEPS:
-        here = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
-        there = number[down:, max(right, 0) : columns - max(-right, 0)]
-        both = (here >= 0) & (there >= 0)
-        pairs.append((here[both], there[both]))
+        cell = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
+        neighbour = number[down:, max(right, 0) : columns - max(-right, 0)]
+        is_pair = (cell >= 0) & (neighbour >= 0)
+        pairs.append((cell[is_pair], neighbour[is_pair]))
     return pairs

@@ -125,10 +125,10 @@ def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
     if isinstance(part.layout, Planar):
         x, y, _ = part.layout.mount
         moved = replace(part, layout=part.layout.moved(-x, -y))
-        named = f"{scanner.name} (in the centre)"
+        centred_name = f"{scanner.name} (in the centre)"
         yield ScannerChange(
             "mounting", "Mount the scanner in the robot's centre",
-            replace(scanner, parts=(moved,), name=named),
+            replace(scanner, parts=(moved,), name=centred_name),
         )  # fmt: skip
 
 
@@ -138,15 +138,15 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
     Those that see neither farther nor wider are left out, and those that see less wide.
     """
     for name in preset_names():
-        other = RangeScanner.from_preset(name)
-        if other.kind != scanner.kind or name == scanner.name or other.upright.any():
+        model = RangeScanner.from_preset(name)
+        if model.kind != scanner.kind or name == scanner.name or model.upright.any():
             continue
-        wider = field_of_view(other) - field_of_view(scanner)
-        if wider < -SLIGHT or (wider < SLIGHT and other.max_range <= scanner.max_range):
+        wider = field_of_view(model) - field_of_view(scanner)
+        if wider < -SLIGHT or (wider < SLIGHT and model.max_range <= scanner.max_range):
             continue
-        other = at_mount_of(scanner, other)
-        title = f"Use {name} ({other.max_range:g} m, {math.degrees(field_of_view(other)):.0f}°)"
-        yield ScannerChange("scanner", title, other)
+        model = at_mount_of(scanner, model)
+        title = f"Use {name} ({model.max_range:g} m, {math.degrees(field_of_view(model)):.0f}°)"
+        yield ScannerChange("scanner", title, model)
 
 
 def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:

@@ -133,33 +133,33 @@ def find_posts(
         effects, trials, count, rules.min_passage, least=NOTHING,
         progress=within(progress, 0.7, 0.9),
     )  # fmt: skip
-    known = Remedy(
+    remedy = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
     )
     if not placement.placed:
         progress(1.0)
-        return PostSearch(count, rules, known, "")
-    after, left = amap, []
+        return PostSearch(count, rules, remedy, "")
+    after, remaining_area = amap, []
     for chosen in range(1, len(placement.placed) + 1):
-        after = after.update(known.edited(chosen))
+        after = after.update(remedy.edited(chosen))
         improved = improved_floor(amap, after, amap.judged)
-        left.append(float((bad & ~improved).sum()) * amap.cell_area)
+        remaining_area.append(float((bad & ~improved).sum()) * amap.cell_area)
     progress(1.0)
-    most = largest_places(amap, improved, amap.judged)
+    worst_places = largest_places(amap, improved, amap.judged)
     then = zones_after(amap, after)
     then = np.where(then == NOT_FREE, zone, then)[amap.judged.counted]
     areas = tuple(float((then == code).sum()) * amap.cell_area for code in range(len(ZONES)))
-    return PostSearch(count, rules, known, "", tuple(left), most, areas)
+    return PostSearch(count, rules, remedy, "", tuple(remaining_area), worst_places, areas)
 
 
 def _in_sight(stands: Floats, points: Floats, sight: float, count: int) -> int:
     """Count the points within sight of `count` greedily chosen positions; walls are ignored."""
     near = np.array([np.hypot(*(points - place).T) <= sight for place in stands])
-    left = np.ones(len(points), dtype=np.bool_)
+    is_unseen = np.ones(len(points), dtype=np.bool_)
     for _ in range(count):
-        gains = (near & left).sum(axis=1)
-        left &= ~near[int(gains.argmax())]
-    return int((~left).sum())
+        gains = (near & is_unseen).sum(axis=1)
+        is_unseen &= ~near[int(gains.argmax())]
+    return int((~is_unseen).sum())
 
 
 def _nearest(candidates: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:

@@ -108,7 +108,7 @@ class FloorSample:
         return classify_over_headings(zones)
 
     def improved(self, point: Ints, zone: Bytes) -> tuple[ImprovedPart, ...]:
-        """Estimate where most floor becomes good: so much of so many bad places, largest first.
+        """Estimate the floor that becomes good in each bad place; return the largest gains first.
 
         Args:
             point: A sample of bad points, as `drawn` gives it.

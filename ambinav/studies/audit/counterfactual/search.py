@@ -105,9 +105,9 @@ def find_counterfactuals(
 
 def as_good(changes: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
     """Return the changes that remove nearly as much as the best one, least work first."""
-    most = max((change.removed for change in changes), default=0.0)
+    gain = max((change.removed for change in changes), default=0.0)
     near = [
-        change for change in changes if change.removed > 0.0 and change.removed >= AS_GOOD * most
+        change for change in changes if change.removed > 0.0 and change.removed >= AS_GOOD * gain
     ]
     return by_effort(near)
 
@@ -138,11 +138,11 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     for codes in zone:
         # Where the robot cannot stand at this heading, nothing improves.
         able = counted & (codes != NOT_FREE)
-        left = amap.zone_shares("mean", counted & ~able)
+        blocked_shares = amap.zone_shares("mean", counted & ~able)
         each.append(
             [
                 float((able & (codes == code)).sum()) * amap.cell_area + share.area
-                for code, share in enumerate(left)
+                for code, share in enumerate(blocked_shares)
             ]
         )
     best = min(range(len(each)), key=lambda k: sum(each[k][code] for code in BAD))
@@ -196,20 +196,20 @@ def _scanners(
     for number, counts in enumerate(ROUNDS):
         results = _evaluate(floor, changes, counts, rng)
         progress(0.1 + 0.9 * (number + 1) / len(ROUNDS))
-        most = max(change.removed for change in results)
-        kept = [
+        gain = max(change.removed for change in results)
+        finalists = [
             at
             for kind in KINDS
-            for at in _best_of_kind(kind, results, AS_GOOD * most, KEPT[number])
+            for at in _best_of_kind(kind, results, AS_GOOD * gain, KEPT[number])
         ]
-        changes = [changes[at] for at in kept]
+        changes = [changes[at] for at in finalists]
         if not changes:
             return []
-    return [results[at] for at in kept]
+    return [results[at] for at in finalists]
 
 
 def _best_of_kind(
-    kind: Kind, changes: Sequence[Counterfactual], enough: float, count: int
+    kind: Kind, changes: Sequence[Counterfactual], least_gain: float, count: int
 ) -> list[int]:
     """Return the indices of the best changes of a kind.
 
@@ -218,7 +218,7 @@ def _best_of_kind(
     mine = [i for i, change in enumerate(changes) if change.kind == kind and change.removed > 0.0]
     best = sorted(mine, key=lambda i: changes[i].after.value)[:count]
     if kind in ("range", "aperture"):
-        doing = [i for i in mine if changes[i].removed >= enough]
+        doing = [i for i in mine if changes[i].removed >= least_gain]
         best = sorted({*best[:1], *doing[: count - 1]})
     return best
 
@@ -230,8 +230,8 @@ def _evaluate(
     rng: np.random.Generator,
 ) -> list[Counterfactual]:
     """Evaluate each scanner at the same places."""
-    bad, others = floor.drawn(*counts, rng)
-    point = np.union1d(bad, others)
+    bad, localizable = floor.drawn(*counts, rng)
+    point = np.union1d(bad, localizable)
     was_bad = np.isin(point, bad)
     results = []
     # Together, so that beams which several scanners share are cast once.

@@ -1,7 +1,7 @@
 """Trips through a building: the bad floor on the shortest paths and on paths that avoid it.
 
-A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly; what
-it is held against is the path that weighs a metre at level 1 as so many metres more.
+A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly. It is
+compared with the path of least cost, where a metre at level 1 counts as several metres more.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     xs, ys = (amap.dataset[axis].values[::stride] for axis in ("x", "y"))
     points = np.column_stack([xs[column], ys[row]])
     shape = (int(free.sum()),) * 2
-    named = csr_array((np.arange(1, len(length) + 1), ends), shape=shape)
+    edge_numbers = csr_array((np.arange(1, len(length) + 1), ends), shape=shape)
     sums, paths = [], []
     for weights in (length, costs):
         graph = csr_array((weights, ends), shape=shape)
@@ -102,7 +102,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
         ]
         if not driven:
             return None
-        edges = [np.asarray(named[path[:-1], path[1:]]).ravel() - 1 for path in driven]
+        edges = [np.asarray(edge_numbers[path[:-1], path[1:]]).ravel() - 1 for path in driven]
         sums.append([(length[at].sum(), exposed[at].sum()) for at in edges])
         paths.append([points[path] for path in driven])
     (short, short_bad), (aware, aware_bad) = (np.mean(values, axis=0) for values in sums)

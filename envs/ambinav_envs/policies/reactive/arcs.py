@@ -16,8 +16,8 @@ STRAIGHT: Final = 1e-4
 def room_around(x: Floats, y: Floats, radius: float, margin: float) -> Floats:
     """Return the radius that each robot keeps free, shape (N,), metres.
 
-    That of its disc and a margin; where an obstacle is nearer already, so much less, but no less
-    than half of the margin, that the robot may drive along it.
+    It is the radius of its disc plus a margin. Where an obstacle is already nearer, the margin
+    shrinks, by half at most, so that the robot can drive along the obstacle.
 
     Args:
         x: X of points in the robot's frame, shape (N, P), metres; inf: none.
@@ -59,9 +59,9 @@ def free_lengths(x: Floats, y: Floats, curvature: Floats, radius: Floats, most: 
     # On a circle about (0, turn): the two circles' crossing, seen from that centre.
     away = np.hypot(px, side - turn)
     cosine = (turn**2 + away**2 - radius**2) / np.maximum(2.0 * turn * away, 1e-12)
-    met = np.abs(turn - away) < radius
+    touches = np.abs(turn - away) < radius
     at = np.arctan2(px, turn - side) - np.arccos(np.clip(cosine, -1.0, 1.0))
-    circle = np.where(met, turn * (at % (2.0 * math.pi)), np.inf)
+    circle = np.where(touches, turn * (at % (2.0 * math.pi)), np.inf)
     length = np.where(bent, circle, line)
     touching = np.hypot(px, py) < radius
     length = np.where(touching, np.where(px > 0.0, 0.0, np.inf), length)

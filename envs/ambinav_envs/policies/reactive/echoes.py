@@ -45,13 +45,13 @@ class ScanPoints:
         angle = scanner.mounts[self._beam, 2] + np.concatenate(offsets)
         self._x, self._y = scanner.mounts[self._beam, 0], scanner.mounts[self._beam, 1]
         self._cos, self._sin = np.cos(angle), np.sin(angle)
-        self._far = np.array([sensor.max_range for sensor in sensors])
-        self._near = np.array([sensor.min_range for sensor in sensors])
+        self._max_range = np.array([sensor.max_range for sensor in sensors])
+        self._min_range = np.array([sensor.min_range for sensor in sensors])
         half = np.array([0.5 * sensor.aperture for sensor in sensors]) + MARGIN
         directions = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS)
-        apart = np.abs(wrap_angles(directions[:, None] - scanner.mounts[:, 2]))
-        self._seen = np.asarray((apart <= half).any(axis=1))
-        self.all_around = bool(self._seen.all())
+        offset = np.abs(wrap_angles(directions[:, None] - scanner.mounts[:, 2]))
+        self._in_view = np.asarray((offset <= half).any(axis=1))
+        self.all_around = bool(self._in_view.all())
 
     def points(self, scan: Floats32) -> tuple[Floats, Floats]:
         """Return x and y of N scans, shape (N, P) each, metres; inf where there is no echo.
@@ -60,7 +60,7 @@ class ScanPoints:
             scan: The observation's part `scan`, shape (N, B): reading / maximum range.
         """
         share = scan.astype(np.float64)
-        reading = np.maximum(share * self._far, self._near)[:, self._beam]
+        reading = np.maximum(share * self._max_range, self._min_range)[:, self._beam]
         echo = (share < 1.0)[:, self._beam]
         reach = np.where(echo, reading, 0.0)
         x = np.where(echo, self._x + reach * self._cos, np.inf)
@@ -70,7 +70,7 @@ class ScanPoints:
     def in_view(self, angle: Floats) -> Bools:
         """Return whether the scanner sees these directions, radians in the robot's frame."""
         part = np.floor(angle * (DIRECTIONS / (2.0 * math.pi))).astype(np.int64)
-        return self._seen[part % DIRECTIONS]
+        return self._in_view[part % DIRECTIONS]
 
 
 def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
@@ -84,15 +84,15 @@ def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
     if x.shape[1] <= count:
         return x, y
     rows = np.arange(len(x))[:, None]
-    there = np.isfinite(x)
+    is_echo = np.isfinite(x)
     distance = np.hypot(x, y)
-    angle = np.arctan2(np.where(there, y, 0.0), np.where(there, x, 0.0))
+    angle = np.arctan2(np.where(is_echo, y, 0.0), np.where(is_echo, x, 0.0))
     part = np.floor(angle * (count / (2.0 * math.pi))).astype(np.int64) % count
     # From far to near: of several points in a direction the last that is written stays.
     order = np.argsort(-distance, axis=1, kind="stable")
     nearest = np.full((len(x), count), -1)
     nearest[rows, np.take_along_axis(part, order, axis=1)] = np.where(
-        np.take_along_axis(there, order, axis=1), order, -1
+        np.take_along_axis(is_echo, order, axis=1), order, -1
     )
     near_x = np.where(nearest >= 0, x[rows, nearest], np.inf)
     near_y = np.where(nearest >= 0, y[rows, nearest], np.inf)

@@ -19,9 +19,9 @@ NEAR_SHARE: Final = 0.15
 class EchoFilter:
     """Removes echoes that the previous scan does not confirm, such as random readings.
 
-    With one reading of a hundred anywhere, 45 % of the scans of 60 beams have such a one. Cells of
-    the grid of Ulrich and Borenstein (1998) grow certain by repeated echoes; here two in a row make
-    one certain, and it is found a time step later.
+    With one random reading in a hundred, 45 % of the scans of 60 beams contain one. Cells of the
+    grid of Ulrich and Borenstein (1998) become certain by repeated echoes; here two in a row
+    suffice, so that an obstacle is detected a time step later.
     """
 
     def __init__(self) -> None:
@@ -47,9 +47,9 @@ class EchoFilter:
         px, py = np.where(is_seen, x, 0.0), np.where(is_seen, y, 0.0)
         # Far from everything, so that the distances stay finite.
         ox, oy = np.where(was_seen, old_x, 1e6), np.where(was_seen, old_y, 1e6)
-        apart = (px[:, None, :] - ox) ** 2 + (py[:, None, :] - oy) ** 2
+        squared = (px[:, None, :] - ox) ** 2 + (py[:, None, :] - oy) ** 2
         near = (NEAR + NEAR_SHARE * np.hypot(px, py)) ** 2
-        good = is_seen & (first[:, None] | (apart.min(axis=1) <= near))
+        good = is_seen & (first[:, None] | (squared.min(axis=1) <= near))
         self._x, self._y = x, y
         return np.where(good, x, np.inf), np.where(good, y, np.inf)
 

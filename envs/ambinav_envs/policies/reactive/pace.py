@@ -56,5 +56,5 @@ class Pace:
             goal: The part of the observation, shape (N, 3).
         """
         metres = DETOUR * (10.0 * np.nan_to_num(goal[:, 0]) + NEAR)
-        left = np.maximum(1.0 - self.gone.astype(np.float64), 1e-6)
-        return np.asarray(np.clip(metres / (left * self._top), SLOWEST, 1.0), dtype=np.float64)
+        share = np.maximum(1.0 - self.gone.astype(np.float64), 1e-6)
+        return np.asarray(np.clip(metres / (share * self._top), SLOWEST, 1.0), dtype=np.float64)

@@ -110,11 +110,11 @@ class Vfh:
         """
         turning = (np.abs(speed) / self._robot.max_turn_rate)[:, None]
         reach = turning + self._robot.radius + self._parameters.clearance
-        there = np.isfinite(x) & (turning > 1e-6)
-        px, py = np.where(there, x, 0.0), np.where(there, y, 0.0)
+        is_echo = np.isfinite(x) & (turning > 1e-6)
+        px, py = np.where(is_echo, x, 0.0), np.where(is_echo, y, 0.0)
         angle = np.arctan2(py, px)
-        left = there & (angle > 0.0) & (np.hypot(px, py - turning) < reach)
-        right = there & (angle < 0.0) & (np.hypot(px, py + turning) < reach)
+        left = is_echo & (angle > 0.0) & (np.hypot(px, py - turning) < reach)
+        right = is_echo & (angle < 0.0) & (np.hypot(px, py + turning) < reach)
         most = np.where(left, angle, np.inf).min(axis=1)[:, None]
         least = np.where(right, angle, -np.inf).max(axis=1)[:, None]
         return np.asarray((sectors > most) | (sectors < least))
