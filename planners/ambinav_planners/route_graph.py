@@ -183,6 +183,7 @@ def _with_ids(path: Path, features: list[Feature]) -> RouteGraph:
 def _of_lines(path: Path, features: list[Feature]) -> RouteGraph:
     """Return the graph of lines that meet at common vertices."""
     number: dict[tuple[float, float], int] = {}
+    nodes: list[tuple[float, float]] = []
     pairs: list[tuple[int, int]] = []
     for label, properties, geometry in features:
         if properties.get("kind") in KINDS:
@@ -192,17 +193,20 @@ def _of_lines(path: Path, features: list[Feature]) -> RouteGraph:
             )
         lines = geometry.get("coordinates")
         for line in [lines] if geometry["type"] == "LineString" else list_of(label, lines):
-            vertices = [
-                number.setdefault(_rounded(point_of(label, point)), len(number))
-                for point in list_of(label, line)
-            ]
+            vertices = []
+            for vertex in list_of(label, line):
+                point = point_of(label, vertex)
+                # Vertices of one millimetre are one node, at the first of them.
+                vertices.append(number.setdefault(_rounded(point), len(nodes)))
+                if vertices[-1] == len(nodes):
+                    nodes.append(point)
             one_way = properties.get("oneway", False)
             if not isinstance(one_way, bool):
                 raise InputError(f"{label}: oneway is {shown(one_way)}; give true or false.")
             for a, b in itertools.pairwise(vertices):
                 pairs += [(a, b)] if one_way else [(a, b), (b, a)]
     distinct = list(dict.fromkeys((a, b) for a, b in pairs if a != b))
-    return RouteGraph.numbered(str(path), np.array(list(number)), _pairs(path, distinct))
+    return RouteGraph.numbered(str(path), np.array(nodes), _pairs(path, distinct))
 
 
 def _pairs(path: Path, pairs: list[Any]) -> Ints32:

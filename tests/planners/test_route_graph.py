@@ -220,6 +220,17 @@ def test_a_file_comes_back(ring: RoutePlanner, tmp_path: Path) -> None:
             assert metadata["open"] == pytest.approx(route.open_metres, abs=0.1)
 
 
+def test_vertices_of_lines_stay_where_they_are(tmp_path: Path) -> None:
+    """They were moved to whole millimetres: off the floor, at exactly the robot's clearance."""
+    lines = [[[0.00049, 0.2], [1.00051, 0.2]], [[1.00052, 0.2], [2.0, 0.20049]]]
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": xy}}
+        for xy in lines
+    ]
+    graph = RouteGraph.read(written(tmp_path / "lines.geojson", features))
+    assert graph.xy.tolist() == [[0.00049, 0.2], [1.00051, 0.2], [2.0, 0.20049]]
+
+
 def test_lines_meet_at_common_vertices(tmp_path: Path) -> None:
     def line(kind: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
         geometry = {"type": kind, "coordinates": coordinates}
