@@ -17,8 +17,9 @@ from ambinav.ambiguity.batch import (
     mine_at,
     theirs_at,
 )
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.gaussian import F0, F1, FAST, S, T, U, aligned
-from ambinav.ambiguity.returns import BeamTable, Returns
+from ambinav.ambiguity.returns import Returns
 from ambinav.runtime.array_types import Floats, Floats32, Ints, UInts
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES, lane, lanes, load, root, store, totals, where, wide

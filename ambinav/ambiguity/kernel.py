@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.gaussian import F0, FAST, U, aligned, gaussian, integral, nine_rows
 from ambinav.ambiguity.pair import first_step, scan_known, second_step
 from ambinav.ambiguity.reach import flood_arrays, link_planes, neighbours
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.lattice import STEPS
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.kernels import kernel

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.lattice import Lattice
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints
 

@@ -15,9 +15,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods
-from ambinav.ambiguity.returns import SAME_RAY, BeamTable, panorama_returns
+from ambinav.ambiguity.returns import SAME_RAY, panorama_returns
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton

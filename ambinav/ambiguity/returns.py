@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.ambiguity.indistinguishability import FINE, FINEST_STD, evidence_table, most_evidence
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.casting.added import AddedWalls
 from ambinav.casting.scans import check_rays, scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.localization.casting import echo_normal
-from ambinav.runtime.array_types import Floats, Floats32, Indices, UInts
+from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints, Ints32
 from ambinav.runtime.kernels import kernel
-from ambinav.runtime.lanes import LANES
 from ambinav.runtime.threads import run_rows
+from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 
 # A beam is followed this far beyond its maximum range, metres: a surface just out of range is
@@ -34,7 +33,6 @@ GRAZING = 0.05
 # The variance of a beam that ends in unknown space and so tells nothing, square metres. Products of
 # three of them must stay finite in float32.
 BLIND = 1e10
-TABLE = 1024
 # Rays cast at a time; their hits are kept in memory until they are read.
 RAYS_AT_ONCE = 4_000_000
 # Rays whose directions (radians) and origins (metres) differ by less are one.
@@ -76,155 +74,6 @@ class Returns:
     def variance(self) -> Floats32:
         """Squared effective deviation s^2, shape (N, P), square metres."""
         return 2.0 * self.data[:, 4]
-
-
-@dataclass(frozen=True, eq=False)
-class BeamTable:
-    """Properties of each beam that the kernels need.
-
-    The columns are the ranges of B beams, then the intensities of K of them. `limit`, `inverse_cap`
-    and `use` are padded from B + K columns to P, a multiple of `LANES`.
-
-    Attributes:
-        limit: Maximum range, metres, float32, shape (P,); of an intensity what none reaches.
-        inverse_cap: 1 / (most evidence that the beam can give), float32, shape (P,).
-        use: 1 for a beam and 0 for padding, float32, shape (P,).
-        nearest: Minimum range, metres, float32, shape (B,).
-        spread: float32, shape (B + K, TABLE): s^2 / 2 at ranges from 0 to the maximum, square
-            metres.
-        bias: float32, shape (B, TABLE): mean of reading minus true range, metres.
-        width: Resolution by effective deviation at its widest, float64, shape (B + K,).
-        intensity: Beam of each intensity column, shape (K,), ascending.
-        surface: For each of these the mean reading of a wall and of a reflector, half the variance
-            and the nearest range that has one, metres; float32, shape (K, 4).
-    """
-
-    limit: Floats32
-    inverse_cap: Floats32
-    use: Floats32
-    nearest: Floats32
-    spread: Floats32
-    bias: Floats32
-    width: Floats
-    intensity: Indices = field(default_factory=lambda: np.empty(0, dtype=np.intp))
-    surface: Floats32 = field(default_factory=lambda: np.empty((0, 4), dtype=np.float32))
-
-    @classmethod
-    def of(
-        cls, scanner: RangeScanner, map_std: float, outlier_share: float, reflectors: bool = False
-    ) -> BeamTable:
-        """Tabulate the scanner's sensors, beam by beam.
-
-        Args:
-            scanner: The scanner.
-            map_std: Standard deviation of the walls' position, metres.
-            outlier_share: Share of beams that meet what is not on the map.
-            reflectors: Whether the building has any. Only then are there intensity columns: where
-                all is wall they tell nothing, and would cost as much as the ranges.
-        """
-        limit, cap, nearest, spread, bias, width = [], [], [], [], [], []
-        for sensor in scanner.sensors:
-            ranges = np.linspace(0.0, sensor.max_range, TABLE)
-            squared = sensor.std_at(ranges) ** 2 + sensor.resolution**2 / 12.0 + map_std**2
-            squared = np.maximum(squared, FINEST_STD**2)
-            finest = math.sqrt(float(squared.min()))
-            odd = min(outlier_share + sensor.random_share + sensor.lost_share, 0.99)
-            limit.append(sensor.max_range)
-            cap.append((1.0 / most_evidence(odd, finest), -1.0 / math.log(odd)))
-            nearest.append(sensor.min_range)
-            spread.append(squared / 2.0)
-            bias.append(sensor.bias_at(ranges))
-            width.append(sensor.resolution / finest)
-        beam = scanner.sensor_of_beam
-        intensity_beams = scanner.intensity_beams if reflectors else np.empty(0, dtype=np.intp)
-        surface = _surfaces(scanner, intensity_beams)
-        count = len(beam) + len(intensity_beams)
-        padding = (0, -count % LANES)
-        caps = np.array(cap, dtype=np.float32)
-        # Twice the brightest: no reading counts as out of range.
-        limits = np.concatenate([np.array(limit, dtype=np.float32)[beam], 2.0 * surface[:, 1]])
-        flat = np.repeat(surface[:, 2:3], TABLE, axis=1)
-        return cls(
-            np.pad(limits, padding, constant_values=1.0),
-            np.pad(np.concatenate([caps[beam, 0], caps[beam[intensity_beams], 1]]), padding),
-            np.pad(np.ones(count, dtype=np.float32), padding),
-            np.array(nearest, dtype=np.float32)[beam],
-            np.concatenate([np.array(spread, dtype=np.float32)[beam], flat]),
-            np.array(bias, dtype=np.float32)[beam],
-            np.concatenate([np.array(width)[beam], np.zeros(len(intensity_beams))]),
-            intensity_beams,
-            surface,
-        )
-
-    @property
-    def beams(self) -> int:
-        """Number of beams B."""
-        return len(self.nearest)
-
-    @property
-    def columns(self) -> int:
-        """Number of columns B + K."""
-        return self.beams + len(self.intensity)
-
-    def turned(self, beams: UInts) -> UInts:
-        """Return the column of each column in turns of the robot, shape (n, B + K).
-
-        `beams` gives it for the beams, shape (n, B).
-
-        An intensity goes where its beam goes.
-        """
-        if not len(self.intensity):
-            return beams
-        to = np.searchsorted(self.intensity, beams[:, self.intensity]) + self.beams
-        return np.concatenate([beams, to.astype(beams.dtype)], axis=1)
-
-    def columns_of(self, beams: Sequence[int] | Indices) -> Indices:
-        """Return columns of some beams, in order: the ranges, then the intensities they read."""
-        chosen = np.asarray(beams, dtype=np.intp)
-        with_intensity = chosen[np.isin(chosen, self.intensity)]
-        return np.concatenate(
-            [chosen, np.searchsorted(self.intensity, with_intensity) + self.beams]
-        )
-
-    def subset(self, beams: Sequence[int] | Indices) -> BeamTable:
-        """Return the table of some beams, in order, as for a scanner with only these.
-
-        What they return stands in `columns_of` the same beams.
-        """
-        chosen = np.asarray(beams, dtype=np.intp)
-        columns = self.columns_of(chosen)
-        padding = (0, -len(columns) % LANES)
-        return BeamTable(
-            np.pad(self.limit[columns], padding, constant_values=1.0),
-            np.pad(self.inverse_cap[columns], padding),
-            np.pad(self.use[columns], padding),
-            self.nearest[chosen],
-            self.spread[columns],
-            self.bias[chosen],
-            self.width[columns],
-            np.flatnonzero(np.isin(chosen, self.intensity)),
-            self.surface[columns[len(chosen) :] - self.beams],
-        )
-
-    @cached_property
-    def evidence(self) -> Floats32 | None:
-        """`evidence_table` of each beam, float32, (P, Z), or None where all bins are fine."""
-        if self.width.max() <= FINE:
-            return None
-        widths, beam = np.unique(self.width, return_inverse=True)
-        rows = np.pad(beam, (0, len(self.limit) - len(beam)))
-        return np.asarray(evidence_table(widths)[rows])
-
-
-def _surfaces(scanner: RangeScanner, beams: Indices) -> Floats32:
-    """Return the values of `BeamTable.surface`."""
-    rows = []
-    for sensor in (scanner.sensors[i] for i in scanner.sensor_of_beam[beams]):
-        channel = sensor.intensity
-        assert channel is not None  # of `intensity_beams`
-        nearest = max(channel.min_range, sensor.min_range)
-        rows.append((channel.wall, channel.reflector, channel.std**2 / 2.0, nearest))
-    return np.array(rows, dtype=np.float32).reshape(-1, 4)
 
 
 def beam_returns(
@@ -276,30 +125,20 @@ def pose_returns(
     rays = scanner.rays(env.space is not None)
     check_rays(env, rays.height, rays.elevation)
     which = np.arange(len(rays))[None]
-    _, first, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
-    kind = env.surface_kind
+    surfaces = env.surface_normals, env.surface_kind
     step = max(RAYS_AT_ONCE // len(rays), 1)
     for low in range(0, len(x), step):
         part = slice(low, low + step)
-        distance, segment, incidence = scan_rays(
+        hits = scan_rays(
             env, x[part], y[part], theta[part], rays.origin, rays.angle,
             scanner.max_range + BEYOND, height=rays.height, elevation=rays.elevation,
             incidence=rays.specular,
         )  # fmt: skip
-        run_rows(
-            _pose_returns, len(distance), distance, segment, incidence, which,
-            env.surface_normals, kind == FRONTIER, rays.origin, rays.angle, rays.elevation,
-            rays.edge, np.ascontiguousarray(theta[part]), rays.start, rays.max_incidence,
-            table.nearest, table.limit, sensor, table.spread[first], table.bias[first], data[None],
-            low, least=128,
+        headings = np.ascontiguousarray(theta[part])
+        _write(
+            _pose_returns, hits, which, surfaces, scanner, rays, rays.angle, headings, table,
+            data[None], low,
         )  # fmt: skip
-        if len(table.intensity):
-            run_rows(
-                intensity_returns, len(distance), distance, segment, incidence, which,
-                kind == REFLECTOR, kind == FRONTIER, rays.start,
-                rays.max_incidence, table.intensity, table.surface, table.limit, low,
-                table.beams, BLIND, data[None], least=128,
-            )  # fmt: skip
 
 
 def panorama_returns(
@@ -357,9 +196,6 @@ def panorama_returns(
             np.round(key / SAME_RAY), axis=0, return_index=True, return_inverse=True
         )
         cast, which = cast[first_same], same.reshape(angle.shape)
-    # One table per sensor, not per beam, so that they stay in the first-level cache.
-    _, by_sensor, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
-    spread, bias = table.spread[by_sensor], table.bias[by_sensor]
     step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
     normals, kind = env.surface_normals, env.surface_kind
@@ -373,27 +209,62 @@ def panorama_returns(
         placed = np.column_stack([cast[:, :3], up + np.array([env.floor, 0.0])])
     for low in range(0, len(x), step):
         part = slice(low, low + step)
-        distance, segment, incidence = scan_rays(
+        hits = scan_rays(
             env, x[part], y[part], np.full(len(x[part]), headings[0]), cast[:, 1:3], cast[:, 0],
             reach, height=up[:, 0], elevation=up[:, 1], incidence=rays.specular,
         )  # fmt: skip
         if added is not None:
-            hits = distance, segment, incidence
             added.shorten(x[part], y[part], float(headings[0]), placed, reach, first_added, hits)
-        run_rows(
-            _beam_returns, len(distance), distance, segment, incidence, which,
-            normals, kind == FRONTIER, rays.origin,
-            angle, rays.elevation, rays.edge, headings, rays.start, rays.max_incidence,
-            table.nearest,
-            table.limit, sensor, spread, bias, data, first + low, least=128,
+        _write(
+            _beam_returns, hits, which, (normals, kind), scanner, rays, angle, headings, table,
+            data, first + low,
         )  # fmt: skip
-        if len(table.intensity):
-            run_rows(
-                intensity_returns, len(distance), distance, segment, incidence, which,
-                kind == REFLECTOR, kind == FRONTIER, rays.start,
-                rays.max_incidence, table.intensity, table.surface, table.limit, first + low,
-                table.beams, BLIND, data, least=128,
-            )  # fmt: skip
+
+
+def _write(
+    write_ranges: Callable[..., None],
+    hits: tuple[Floats32, Ints32, Floats32],
+    which: Ints,
+    surfaces: tuple[Floats, Bytes],
+    scanner: RangeScanner,
+    rays: RayTable,
+    angle: Floats,
+    headings: Floats,
+    table: BeamTable,
+    data: Floats32,
+    first: int,
+) -> None:
+    """Write what the beams return, from the hits of their rays.
+
+    Args:
+        write_ranges: Kernel that writes the ranges.
+        hits: Distances, segments and angles of incidence, as `scan_rays` returns them.
+        which: Ray of each heading and beam, shape (H, R).
+        surfaces: Normals of all segments, and their kinds.
+        scanner: The scanner.
+        rays: Its rays.
+        angle: Directions of the rays, radians, as `write_ranges` takes them.
+        headings: As `write_ranges` takes them, radians.
+        table: The scanner's beams, tabulated.
+        data: Written, float32, shape (H, first + N, 5, P) or more: see `Returns`.
+        first: Row of the first pose.
+    """
+    normals, kind = surfaces
+    frontier = kind == FRONTIER
+    # One table per sensor, not per beam, so that they stay in the first-level cache.
+    _, by_sensor, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
+    count = len(hits[0])
+    run_rows(
+        write_ranges, count, *hits, which, normals, frontier, rays.origin, angle, rays.elevation,
+        rays.edge, headings, rays.start, rays.max_incidence, table.nearest, table.limit, sensor,
+        table.spread[by_sensor], table.bias[by_sensor], data, first, least=128,
+    )  # fmt: skip
+    if len(table.intensity):
+        run_rows(
+            intensity_returns, count, *hits, which, kind == REFLECTOR, frontier, rays.start,
+            rays.max_incidence, table.intensity, table.surface, table.limit, first, table.beams,
+            BLIND, data, least=128,
+        )  # fmt: skip
 
 
 @kernel

@@ -51,13 +51,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.reach import reach
-from ambinav.ambiguity.returns import BeamTable, beam_returns
+from ambinav.ambiguity.returns import beam_returns
 from ambinav.config import as_nonnegative
 from ambinav.geometry.lattice import STEPS
 from ambinav.layers.bands import bands

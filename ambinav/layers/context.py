@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import standing, standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BEYOND, BeamTable, Returns, beam_returns
+from ambinav.ambiguity.returns import BEYOND, Returns, beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.hits import Hits, beam_hits

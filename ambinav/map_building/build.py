@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.dataset import LatticeSums, assemble, labels
 from ambinav.ambiguity.feasible_poses import standing_lattice
@@ -21,7 +22,7 @@ from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import BEAMS_PER_TURN as BEAMS_PER_TURN
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau, thin
 from ambinav.ambiguity.neighbourhoods import disc
-from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
+from ambinav.ambiguity.returns import Returns, blind_share, panorama_returns
 from ambinav.casting.scans import check_rays
 from ambinav.config import as_count, check_kind
 from ambinav.geometry.environment import Environment

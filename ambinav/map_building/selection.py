@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.dataset import LatticeSums
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
-from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
+from ambinav.ambiguity.returns import Returns, blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import tiled
 from ambinav.runtime.array_types import Bools, Floats, Floats32

@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_building
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
-from ambinav.ambiguity.returns import BEYOND, BeamTable
+from ambinav.ambiguity.returns import BEYOND
 from ambinav.casting.prisms.part import PrismPart
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.lattice import Lattice

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.pair import compare
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel

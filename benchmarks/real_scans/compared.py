@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
+from ambinav.ambiguity.returns import BLIND, beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.logs.log import Log
 from ambinav.runtime.array_types import Floats

@@ -12,8 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import TABLE, BeamTable
 from ambinav.ambiguity.kernel import around_arrays, batch_arrays, listed, pose_sums
-from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
+from ambinav.ambiguity.returns import BEYOND, BLIND
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel

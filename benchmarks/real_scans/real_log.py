@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.environment import Environment
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TABLE
+from ambinav.ambiguity.beam_table import TABLE
+from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 

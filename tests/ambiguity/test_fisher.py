@@ -14,9 +14,10 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import reference
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.pair import compare
-from ambinav.ambiguity.returns import BeamTable, beam_returns
+from ambinav.ambiguity.returns import beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes

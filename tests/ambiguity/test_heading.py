@@ -10,10 +10,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely import affinity
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.heading import WINDOW, turning_moments, turns
 from ambinav.ambiguity.model import independent_tau
 from ambinav.ambiguity.panorama import panorama_returns
-from ambinav.ambiguity.returns import BeamTable, Returns
+from ambinav.ambiguity.returns import Returns
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import scan_information
 from ambinav.sensing import RangeScanner, RangeSensor

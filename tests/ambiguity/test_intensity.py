@@ -11,8 +11,9 @@ import pytest
 import shapely
 
 import ambinav as an
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.heading import turns
-from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
+from ambinav.ambiguity.returns import BLIND, beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments

@@ -10,19 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import returns
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.heading import turn_cells, turning_moments, turns
 from ambinav.ambiguity.indistinguishability import evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.pair import compare
-from ambinav.ambiguity.returns import (
-    BeamTable,
-    Returns,
-    beam_returns,
-    panorama_returns,
-    pose_returns,
-)
+from ambinav.ambiguity.returns import Returns, beam_returns, panorama_returns, pose_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import build_map

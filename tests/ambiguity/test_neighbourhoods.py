@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ambinav as an
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
-from ambinav.ambiguity.returns import BeamTable, panorama_returns
+from ambinav.ambiguity.returns import panorama_returns
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.geometry.lattice import Lattice
 from tests.geometry import scenes

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import shapely
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.model import independent_tau, thin
-from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns, panorama_returns
+from ambinav.ambiguity.returns import BLIND, beam_returns, panorama_returns
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.mesh.floor import floor_environment
 from ambinav.casting.mesh.mesh import Mesh

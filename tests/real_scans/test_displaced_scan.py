@@ -9,8 +9,8 @@ from real_scans.displaced_scan import displaced_figures
 from real_scans.log_split import as_seen_from_laser, scanner_of
 
 from ambinav.ambiguity import reference
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from tests.real_scans.rooms import environment, log_of
 

@@ -10,7 +10,8 @@ import shapely
 from real_scans.real_returns import STEEPEST, returns_of_scans, surface_slopes
 
 import ambinav as an
-from ambinav.ambiguity.returns import BEYOND, BLIND, BeamTable, beam_returns
+from ambinav.ambiguity.beam_table import BeamTable
+from ambinav.ambiguity.returns import BEYOND, BLIND, beam_returns
 from tests.real_scans.rooms import HALF_TURN, environment, log_of
 
 # Compiles kernels that no other test needs.

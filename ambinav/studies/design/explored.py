@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.model import AmbiguityModel, thin
-from ambinav.ambiguity.returns import BeamTable, blind_share, panorama_returns
+from ambinav.ambiguity.returns import blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import HEADINGS
 from ambinav.maps.zones import UNEXPLORED

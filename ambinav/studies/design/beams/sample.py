@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods
-from ambinav.ambiguity.returns import BeamTable, panorama_returns
+from ambinav.ambiguity.returns import panorama_returns
 from ambinav.ambiguity.tensor import classify, relative_radii
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment

@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
