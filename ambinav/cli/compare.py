@@ -21,15 +21,16 @@ if TYPE_CHECKING:
     from ambinav.studies.compare.tables import Row
 
 SHOWN = {
-    "lost": "lost, %",
-    "error_p95": "95 % error, m",
-    "collided": "collided, %",
-    "arrived": "arrived, %",
-    "length": "driven, m",
+    "lost": "lost,\n%",
+    "error_p95": "95 % error,\nm",
+    "collided": "collided,\n%",
+    "arrived": "arrived,\n%",
+    "length": "driven,\nm",
 }
-"""Figures on the terminal, % and metres; the first two with their intervals."""
+"""Figures on the terminal; the first two with their intervals. Units stand below: with the names of
+routes all must fit on 80 columns."""
 WITH_INTERVAL = ("lost", "error_p95")
-FORECAST = "forecast, %"
+FORECAST = "forecast,\n%"
 """Forecast of lost robots, %, after the figure `lost`."""
 
 
@@ -107,6 +108,9 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart]) -> None:
             for row in rows
             if row.pair == pair and len(row.forecasts) == 1
         ]
-        figures = table(("route", *titles), pair_rows, left=("route",), no_wrap=titles, title=pair)
+        figures = table(
+            ("route", *titles), pair_rows, left=("route",), no_wrap=titles, fold=True, title=pair,
+            collapse_padding=True,
+        )  # fmt: skip
         parts += ["", figures, "", *(f"- {line}" for line in lines)]
     show(*parts[1:])

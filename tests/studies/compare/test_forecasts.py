@@ -93,7 +93,9 @@ def test_they_are_those_of_the_saved_routes(done: tuple[Path, str]) -> None:
     assert rows["all pairs", "shortest"]["lost_probability"] == pytest.approx(mean, abs=1e-5)
     assert rows["all pairs", "shortest"]["text"] == ""
     assert "open loop" in text and "open loop" in page
-    assert re.search(r"lost, %\s+forecast, %\s+95 %", shown)
+    assert re.search(r"lost,\s+forecast,\s+95 %", shown)
+    for name in {route for _, route in expected}:  # all of it, on 80 columns
+        assert re.search(rf"^{name} +\d+ \[", shown, re.MULTILINE)
     lines = list(csv.DictReader((out / "table.csv").read_text().splitlines()))
     (line,) = (
         line for line in lines
