@@ -178,7 +178,7 @@ def test_an_interrupt_before_a_command_reports_by_itself_is_said() -> None:
     result = CliRunner().invoke(command, [])
     assert (result.exit_code, result.stderr) == (
         130,
-        "ambinav: interrupted, nothing was written.\n",
+        "ambinav: interrupted.\n",
     )
 
 

@@ -163,7 +163,7 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             command(**values)
         except KeyboardInterrupt:
             # While the command imports what it runs: typer would exit without a word.
-            say("ambinav: interrupted, nothing was written.")
+            say("ambinav: interrupted.")
             raise typer.Exit(INTERRUPTED) from None
 
     expanded.__doc__ = text
