@@ -31,6 +31,8 @@ MISPLACED: Final = 0.5
 FORWARD_SHARE: Final = 0.95
 # Share of the scans after which odometry goes on from the corrected pose, in a log that does so.
 REBASED_SHARE: Final = 0.9
+# Headings are taken for degrees where most are beyond so many radians, two turns.
+TURNED: Final = 4.0 * math.pi
 # Number of readings of half a turn: with these the last beam looks to +90 degrees or one step less.
 CLOSED: Final = (181, 361)
 OPEN: Final = (180, 360)
@@ -71,7 +73,8 @@ def read_carmen(
             parameters `robot_frontlaser_offset`, `.._side_offset`, `.._angular_offset` say.
 
     Returns:
-        The log. Damaged lines are left out with an `InputWarning` that counts them.
+        The log. Damaged lines are left out with an `InputWarning` that counts them; another says
+        where headings seem to be in degrees.
 
     Raises:
         InputError: the file cannot be read, has no sound scan, more than 1 % of its lines of
@@ -84,6 +87,13 @@ def read_carmen(
     ranges, limit = _ranges(path, lines, max_range)
     laser = np.array([scan.laser for scan in lines.scans])
     robot = np.array([scan.robot for scan in lines.scans])
+    if np.median(np.abs(robot[:, 2])) > TURNED:
+        warnings.warn(
+            f"{path}: most headings are beyond two turns in radians, up to "
+            f"{np.abs(robot[:, 2]).max():.4g}; if they are degrees, convert them.",
+            InputWarning,
+            stacklevel=2,
+        )
     seat = between(robot, laser)
     # Against the first, so that a laser that looks back is not torn apart at -pi and pi.
     spread = between(seat[0], seat)

@@ -43,6 +43,12 @@ def test_flaser_line(tmp_path):
     np.testing.assert_array_equal(log.odometry, [[1.1, 2.2, 0.6], [2.4, 2.2, 0.6]])
 
 
+def test_headings_in_degrees_are_named(tmp_path):
+    path = write(tmp_path, *(flaser([1.0, 2.0, 3.0], (k, 0, 90.0 + k)) for k in range(5)))
+    with pytest.warns(InputWarning, match=r"beyond two turns in radians, up to 94; if they are"):
+        read_carmen(path, angles=THREE)
+
+
 def test_max_range_that_is_given(tmp_path):
     path = write(tmp_path, flaser([1.0, 3.0, 3.5]))
     log = read_carmen(path, angles=THREE, max_range=3.0)
