@@ -127,6 +127,8 @@ def check_on_map(amap: AmbiguityMap, shapes: Iterable[BaseGeometry], name: str) 
     box = shapely.box(xmin, ymin, xmax, ymax)
     drawn = [shape for shape in shapes if not shape.is_empty]
     if drawn and not any(shape.intersects(box) for shape in drawn):
+        # Of an edge at 0 rounding leaves something like -3e-17.
+        xmin, ymin, xmax, ymax = (round(edge, 6) + 0.0 for edge in amap.bounds)
         raise InputError(
             f"{name}: all of it lies beside the map, which covers x from {xmin:.4g} to {xmax:.4g} "
             f"m and y from {ymin:.4g} to {ymax:.4g} m; give metres in the map's frame."
