@@ -176,10 +176,7 @@ def test_an_interrupt_before_a_command_reports_by_itself_is_said() -> None:
     command = typer.Typer()
     command.command()(documented(stopped))
     result = CliRunner().invoke(command, [])
-    assert (result.exit_code, result.stderr) == (
-        130,
-        "ambinav: interrupted.\n",
-    )
+    assert (result.exit_code, result.stderr) == (130, "ambinav: interrupted.\n")
 
 
 @pytest.mark.parametrize("command", [*commands(typer.main.get_command(app), "")])
