@@ -13,6 +13,8 @@ from ambinav.reports.pages import listed
 from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.studies.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
 
+WALLS: Final = 0.5
+"""Share of runs that end at a wall from which what was lost says little of a route."""
 ERROR: Final = "95th percentile of the error"
 MOST_DIGITS: Final = 4
 """Decimals of a difference at most."""
@@ -123,8 +125,9 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
     met = [route for route, verdict in verdicts.items() if verdict.outcome == "met"]
     short = [route for route in named.get("better", []) if route not in met]
     clauses = []
-    if next(iter(verdicts.values())).easy:
-        error = next(iter(verdicts.values())).error.theirs.value
+    first = next(iter(verdicts.values()))
+    if first.easy:
+        error = first.error.theirs.value
         clauses.append(
             f"nothing to gain, since on {baseline} no robot was lost and the {ERROR} is "
             f"{error:.3f} m"
@@ -148,6 +151,11 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
     ):
         if named.get(kind):
             clauses.append(f"{listed(named[kind])} {_verb(named[kind], single, several)} {suffix}")
+    collided = {baseline: first.collided.theirs.value}
+    collided |= {route: verdict.collided.ours.value for route, verdict in verdicts.items()}
+    at_walls = [f"{percent(share)} on {name}" for name, share in collided.items() if share >= WALLS]
+    if at_walls:
+        clauses.append(f"but walls end runs early ({listed(at_walls)})")
     text = "; ".join(clauses)
     return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
 

@@ -168,5 +168,9 @@ def test_headlines() -> None:
         "Nothing to gain, since on shortest no robot was lost and the 95th percentile of the error "
         "is 0.100 m; a makes no difference."
     )
+    walls = measured(1, 0.6, collided=25), measured(1, 0.6, collided=24)
+    assert headline({"a": judged(*walls, 0.1)}, "shortest").endswith(
+        "no difference; but walls end runs early (80 % on shortest and 83 % on a)."
+    )
     assert headline({}, "shortest") == "shortest is the only route; there is nothing to compare."
     assert none.effect == "worse"  # by a millimetre in every run: shown, however small
