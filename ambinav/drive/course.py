@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.steering import REEDS_SHEPP, Steering, checked_poses
 from ambinav.routes.clock import SPACING
 from ambinav.runtime.array_types import Floats, Ints
@@ -26,6 +27,7 @@ class Course:
         end: int64, shape (M - 1,): of each piece the point where its stretch ends: the next cusp,
             or the last point.
         goal: x, y and heading at the end.
+        turn: Sum of all turns, on the spot or on the path, radians.
         turns: Whether the robot is to look along the goal's heading when it gets there: the
             spaces other than r2 ask for it.
     """
@@ -35,6 +37,7 @@ class Course:
     directions: Floats
     end: Ints
     goal: tuple[float, float, float]
+    turn: float
     turns: bool
 
     @classmethod
@@ -51,6 +54,7 @@ class Course:
         if len(route) < 2:
             raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
         dense, _, along = steering.dense(route, step)
+        turn = float(np.abs(wrap_angles(np.diff(dense[:, 2]))).sum())
         # A vertex stands there for both motions that meet in it.
         keep = np.concatenate([[True], np.diff(dense[:, :2], axis=0).any(axis=1)])
         dense, along = dense[keep], along[keep]
@@ -70,6 +74,7 @@ class Course:
             directions,
             end.astype(np.int64),
             (x, y, theta),
+            turn,
             steering.space != "r2",
         )
 

@@ -134,7 +134,7 @@ def drive_route(
         path = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
         steps = len(path)
     else:
-        steps = 1 + math.ceil(_patience(route, course, robot, follower, max_time) * rate)
+        steps = 1 + math.ceil(_patience(course, robot, follower, max_time) * rate)
     robots = Robots(start, robot, course, follower, noise, checker, odometry_states, dt, path)
     sight, crowd = Readings(world, scanner), None
     if people is not None and people.count:
@@ -217,14 +217,14 @@ def checked_start(route: Route, checker: CollisionChecker) -> Floats:
 
 
 def _patience(
-    route: Route, course: Course, robot: Robot, follower: FollowerParameters, limit: float | None
+    course: Course, robot: Robot, follower: FollowerParameters, limit: float | None
 ) -> float:
     """Return the seconds after which a run is aborted."""
     if limit is not None:
         return limit
     speed = min(robot.max_speed, follower.desired_linear_vel)
     turning = min(robot.max_turn_rate, follower.rotate_to_heading_angular_vel)
-    return PATIENCE * (course.length / speed + route.turn / turning) + SPARE
+    return PATIENCE * (course.length / speed + course.turn / turning) + SPARE
 
 
 def make_localizer(

@@ -93,8 +93,7 @@ def figures(route: Route) -> Figures:
     Raises:
         InputError: nobody has measured it.
     """
-    if math.isnan(route.length):
-        raise InputError("the route is not measured; `evaluate_route` measures it on a map.")
+    _check_measured(route)
     return Figures.model_validate(
         {name: getattr(route, name) for name in _SAME}
         | {f"{name}_m": metres for name, metres in route.zone_metres.items()}
@@ -114,8 +113,18 @@ def figures(route: Route) -> Figures:
     )
 
 
+def _check_measured(route: Route) -> None:
+    if math.isnan(route.length):
+        raise InputError("the route is not measured; `evaluate_route` measures it on a map.")
+
+
 def waypoints(route: Route) -> Iterator[Waypoint]:
-    """Yield the poses of a route in order."""
+    """Yield the poses of a route in order.
+
+    Raises:
+        InputError: nobody has measured it.
+    """
+    _check_measured(route)
     for i, (x, y, theta) in enumerate(route.poses.tolist()):
         covariance = None if route.covariances is None else route.covariances[i][_UPPER].tolist()
         yield Waypoint(

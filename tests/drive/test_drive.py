@@ -23,6 +23,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import MclParameters
+from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from tests.drive.cases import from_polyline, laser, route_through
 from tests.geometry.scenes import environment, room
@@ -71,6 +72,15 @@ def test_the_same_seed_gives_the_same_drive(hall: Environment, localizer: str) -
 def test_runs_differ(hall: Environment) -> None:
     found = runs_of(hall, "odometry")
     assert len(np.unique(found.odometry[:, 20, 0])) == 4
+
+
+def test_a_route_that_nobody_has_measured_can_be_driven(hall: Environment) -> None:
+    """The patience with a run comes from the course, not from the figures of the route."""
+    route = Route.through(ROUTE)
+    drives = drive_route(
+        hall, laser(beams=24), Robot(), route, "perfect", np.random.default_rng(3), 2
+    )
+    assert drives.reached.all()
 
 
 def test_who_knows_the_truth_arrives(hall: Environment) -> None:

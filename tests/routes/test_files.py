@@ -294,8 +294,9 @@ def test_a_route_that_nobody_measured(service, tmp_path):
     bare = Route.through([(1.0, 1.0), (3.0, 1.0), (3.0, 3.0)], planner="survey")
     assert bare.poses[:, 2].tolist() == [0.0, math.pi / 2, math.pi / 2]
     assert math.isnan(bare.cost) and bare.start[:2] == (1.0, 1.0)
-    with pytest.raises(InputError, match="not measured"):
-        save_route(bare, tmp_path / "bare.csv")
+    for suffix in (".csv", ".geojson", ".json"):
+        with pytest.raises(InputError, match="not measured"):
+            save_route(bare, tmp_path / f"bare{suffix}")
     assert not list(tmp_path.iterdir())
     measured = evaluate_route(service, bare.poses, bare.steering, planner=bare.planner)
     save_route(measured, tmp_path / "bare.csv")
