@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ambinav.localization.casting import expected_ranges, work_space
-from ambinav.localization.likelihood_field import TINY, apply_factors
+from ambinav.localization.likelihood_field import HUGE, TINY, apply_factors
 from ambinav.localization.range_table import looked_up, reflectors_looked_up
 from ambinav.runtime.kernels import kernel
 
@@ -83,7 +83,7 @@ def beam_factors(
                 for b in range(beams):
                     met[b] = edge[b] >= 0 and channel.reflects[edge[b]]
         total = 0.0 if log else 1.0
-        fit, log_fit = 1.0, 0.0
+        product, fit, log_fit = 1.0, 1.0, 0.0
         for b in range(beams):
             if math.isnan(reading[b]):
                 continue
@@ -92,14 +92,20 @@ def beam_factors(
             p = z_hit * math.exp(off * off * per_square) + rand[b]
             if off < 0.0:
                 p += short[b]
-            total += math.log(p) if log else p * p * p
+            if not log:
+                total += p * p * p
+            else:
+                product *= p
+                if not TINY < product < HUGE:
+                    total += math.log(product)
+                    product = 1.0
             if channel is not None:
                 hit = math.exp(off * off * per_square)
                 fit *= hit * fits[b, int(met[b])] + (1.0 - hit) * fits[b, 0]
                 if fit < TINY:
                     log_fit += math.log(fit)
                     fit = 1.0
-        scratch[i] = power * total if log else total
+        scratch[i] = power * (total + math.log(product)) if log else total
         if channel is not None:
             log_fit = power * (log_fit + math.log(fit))
             scratch[i] = scratch[i] + log_fit if log else scratch[i] * math.exp(log_fit)

@@ -22,9 +22,10 @@ from ambinav.runtime.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.
 MOST_POINTS = 400_000_000
-# A product of factors below this goes on as its logarithm: one for each factor takes four times
+# A product of factors beyond these goes on as its logarithm: one for each factor takes four times
 # as long.
 TINY = 1e-100
+HUGE = 1e100
 # Particles weighed at once: their poses and places stay in the first cache.
 BLOCK = 256
 
@@ -158,6 +159,16 @@ def hit_at(u, v, hits, smooth):
     return float(hits[int(v), int(u)])
 
 
+@kernel(_nrt=False)
+def factors_at_once(least, most):
+    """Return how many factors between `least` and `most` have a product that is a normal float.
+
+    A logarithm of such a product, instead of one for each factor, takes a third of the time.
+    """
+    largest = max(abs(math.log(least)) if least > 0.0 else math.inf, abs(math.log(most)))
+    return max(1, int(min(600.0 / max(largest, 1e-3), 1e6)))
+
+
 @kernel
 def nearest_totals(
     particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, log, totals,
@@ -165,11 +176,13 @@ def nearest_totals(
     """Sum what the beams say with the nearest lattice points; see `field_factors`.
 
     Beam by beam for a block of particles, whose end points lie close together in memory, in loops
-    without branches: in half the time of particle by particle, to the same bits.
+    without branches: in half the time of particle by particle.
     """
     rows, columns = hits.shape
     lattice = hits.ravel()
     pose, share, place = np.empty((4, BLOCK)), np.empty(BLOCK), np.empty(BLOCK, dtype=np.int32)
+    product = np.ones(BLOCK)
+    at_once = factors_at_once(floor[:used].min(), z_hit + floor[:used].max()) if log else used
     for first in range(0, count, BLOCK):
         n = min(BLOCK, count - first)
         for k in range(n):
@@ -186,9 +199,17 @@ def nearest_totals(
                 row, column = np.int32(v if on else 0.0), np.int32(u if on else 0.0)
                 place[k] = row * np.int32(columns) + column
                 share[k] = z_hit if on else 0.0
+            if not log:
+                for k in range(n):
+                    p = share[k] * lattice[np.uint32(place[k])] + least
+                    totals[first + k] += p * p * p
+                continue
             for k in range(n):
-                p = share[k] * lattice[np.uint32(place[k])] + least
-                totals[first + k] += math.log(p) if log else p * p * p
+                product[k] *= share[k] * lattice[np.uint32(place[k])] + least
+            if (b + 1) % at_once == 0 or b + 1 == used:
+                for k in range(n):
+                    totals[first + k] += math.log(product[k])
+                    product[k] = 1.0
 
 
 @kernel
@@ -235,7 +256,7 @@ def field_factors(
         px, py = (particles[i, 0] - x0) * inverse, (particles[i, 1] - y0) * inverse
         c, s = math.cos(particles[i, 2]) * inverse, math.sin(particles[i, 2]) * inverse
         total = 0.0 if log else 1.0
-        fit, log_fit = 1.0, 0.0
+        product, fit, log_fit = 1.0, 1.0, 0.0
         for b in range(used):
             u = px + c * end[b, 0] - s * end[b, 1]
             v = py + s * end[b, 0] + c * end[b, 1]
@@ -251,8 +272,14 @@ def field_factors(
                 if fit < TINY:
                     log_fit += math.log(fit)
                     fit = 1.0
-            total += math.log(p) if log else p * p * p
-        scratch[i] = power * total if log else total
+            if not log:
+                total += p * p * p
+            else:
+                product *= p
+                if not TINY < product < HUGE:
+                    total += math.log(product)
+                    product = 1.0
+        scratch[i] = power * (total + math.log(product)) if log else total
         if channel is not None:
             log_fit = power * (log_fit + math.log(fit))
             scratch[i] = scratch[i] + log_fit if log else scratch[i] * math.exp(log_fit)

@@ -91,6 +91,36 @@ def test_factors_are_amcls(log: bool) -> None:
     assert np.allclose(got, expected_factors(field, poses, end, far, 0.3)[log], rtol=1e-4)
 
 
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("floor", [30.0, 0.05, 1e-30, 1e-200, 0.0])
+def test_logarithms_of_products_are_sums_of_logarithms(floor: float, smooth: bool) -> None:
+    """The filter takes one logarithm of many beams, whatever the product would come to."""
+    field = LikelihoodField.of(worlds.room())
+    hits = field.hits(0.2)
+    rng = np.random.default_rng(3)
+    beams = rng.uniform(-6.0, 6.0, (700, 2))
+    particles = np.zeros((300, 5))
+    particles[:, :3], particles[:, 3] = worlds.free_poses(worlds.room(), 300, seed=1), 1.0
+    place = *field.origin, 1.0 / field.resolution
+
+    def scale_of(end: np.ndarray, poses: np.ndarray) -> float:
+        return field_factors(
+            poses, 1, end, np.full(len(end), floor), len(end), 0.5, hits, *place, smooth, True,
+            1.0, np.empty(1),
+        )  # fmt: skip
+
+    for one in particles[:5]:
+        sums = sum(scale_of(beams[k : k + 1], one[None].copy()) for k in range(700))
+        assert scale_of(beams, one[None].copy()) == pytest.approx(sums, rel=1e-12)
+    if floor >= 1e-30:
+        weights = particles.copy()
+        field_factors(
+            weights, 300, beams, np.full(700, floor), 700, 0.5, hits, *place, smooth, True, 0.01,
+            np.empty(300),
+        )  # fmt: skip
+        assert np.isfinite(weights).all() and weights[:, 3].max() == 1.0
+
+
 def test_many_beams_do_not_underflow() -> None:
     field = LikelihoodField.of(worlds.room())
     particles = np.array([[2.0, 2.0, 0.0, 0.5, 0.0], [2.0, 2.1, 0.0, 0.5, 0.0]])
