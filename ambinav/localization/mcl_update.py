@@ -294,7 +294,7 @@ def renew(r, model, state):
     drawn, bins = resample(
         state.particles[r], state.number[r], state.spare[r], model.method, share, model.error,
         model.quantile, model.least, model.most, model.areas, model.corner, state.random[r],
-        state.sums[r], state.keys[r], state.entry[r],
+        state.sums[r], state.stack[r], state.keys[r], state.entry[r],
     )  # fmt: skip
     if share > 0.0 and model.reset:
         average[0] = average[1] = 0.0

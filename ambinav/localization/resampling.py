@@ -52,6 +52,31 @@ def first_above(value, cumulated, count):
 
 
 @kernel(_nrt=False)
+def fill_guide(cumulated, count, guide):
+    """Write where a search among `cumulated`[:count] begins, for each of `count` equal parts.
+
+    The guide table of Chen & Asau 1974, "On generating random variates from an empirical
+    distribution", AIIE Transactions 6(2): a search takes a step or two on average.
+    """
+    i = 0
+    for part in range(count):
+        while i < count - 1 and cumulated[i] <= part / count * cumulated[count - 1]:
+            i += 1
+        guide[part] = i
+
+
+@kernel(inline="always")
+def guided_first_above(value, cumulated, count, guide):
+    """Return what `first_above` does, by a guide table; `value` is in [0, cumulated[count - 1]]."""
+    i = guide[min(int(value / cumulated[count - 1] * count), count - 1)]
+    while i > 0 and cumulated[i - 1] > value:
+        i -= 1
+    while i < count - 1 and cumulated[i] <= value:
+        i += 1
+    return i
+
+
+@kernel(_nrt=False)
 def random_pose(areas, corner, state):
     """Sample a pose uniformly in the free space and over all headings.
 
@@ -95,7 +120,7 @@ def comb_count(particles, cumulated, count, error, quantile, least, most, shift,
 @kernel(_nrt=False)
 def resample(
     particles, count, out, method, share, error, quantile, least, most, areas, corner, state,
-    cumulated, keys, entry,
+    cumulated, guide, keys, entry,
 ):  # fmt: skip
     """Draw a new set of particles of equal weight.
 
@@ -114,6 +139,7 @@ def resample(
         corner: See `random_pose`.
         state: State of the generator.
         cumulated: Work space, float64, shape (M,).
+        guide: Work space, int32, shape (M,).
         keys: Written: bins of the new set, as `bins.fill_bins` does.
         entry: Written, likewise.
 
@@ -124,6 +150,7 @@ def resample(
     for i in range(count):
         total += particles[i, 3]
         cumulated[i] = total
+    fill_guide(cumulated, count, guide)
     shift = uniform(state)
     fixed = -1
     if method == LOW_VARIANCE:
@@ -144,7 +171,7 @@ def resample(
                 place -= math.floor(place)
             else:
                 place = (drawn + shift) / fixed
-            i = first_above(place * total, cumulated, count)
+            i = guided_first_above(place * total, cumulated, count, guide)
             x, y, t = particles[i, 0], particles[i, 1], particles[i, 2]
         out[drawn, 0], out[drawn, 1], out[drawn, 2], out[drawn, 3] = x, y, t, 1.0
         drawn += 1

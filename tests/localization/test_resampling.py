@@ -14,6 +14,8 @@ from ambinav.localization.resampling import (
     LOW_VARIANCE,
     MULTINOMIAL,
     SYSTEMATIC,
+    fill_guide,
+    guided_first_above,
     random_pose,
     resample,
     van_der_corput,
@@ -36,7 +38,8 @@ def drawn(
     count, bins = resample(
         particles, len(particles), out, method, share, 0.05, 0.99, least, most, areas,
         ROOM.triangulation.corner, states(np.random.default_rng(seed), 1)[0], np.empty(size),
-        np.empty(table_size(size), dtype=np.int64), np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32), np.empty(table_size(size), dtype=np.int64),
+        np.empty(size, dtype=np.int32),
     )  # fmt: skip
     return out[:count], bins
 
@@ -53,6 +56,23 @@ def particles_in(count: int, spread: float, seed: int) -> np.ndarray:
 
 def copies(particles: np.ndarray, out: np.ndarray) -> np.ndarray:
     return (out[:, np.newaxis, 2] == particles[:, 2]).sum(axis=0)
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 20.0])
+def test_a_guided_search_finds_what_bisection_finds(power: float) -> None:
+    """Also where few particles have all of the weight, and at the steps themselves."""
+    rng = np.random.default_rng(4)
+    for count in (1, 2, 7, 500):
+        weights = rng.random(count) ** power
+        weights[rng.random(count) < 0.3] = 0.0
+        weights[-1] = 1e-3
+        cumulated = np.cumsum(weights)
+        guide = np.empty(count, dtype=np.int32)
+        fill_guide(cumulated, count, guide)
+        values = np.concatenate([rng.random(300) * cumulated[-1], cumulated, [0.0]])
+        expected = np.minimum(np.searchsorted(cumulated, values, side="right"), count - 1)
+        found = [guided_first_above.py_func(value, cumulated, count, guide) for value in values]
+        np.testing.assert_array_equal(found, expected)
 
 
 @methods
