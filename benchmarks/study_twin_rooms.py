@@ -1,12 +1,14 @@
 """Results in the five levels of TwinRooms: scripts, planners over hypotheses, and learners.
 
-Each method drives the same episodes. The score of an episode is 1 for arriving, -1 for a false
-declaration or a collision, and -0.01 for each second: the task's reward without its shaping.
+Each method drives the same episodes. The score of an episode is the task's reward without its
+shaping: 1 for arriving, -1 for a collision, -1 for a false declaration and -0.01 for each second,
+or what the level's reward says instead.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,11 +22,10 @@ from ambinav.drive.bootstrap import share
 from ambinav_envs.evaluation import UNSEEN, Episodes
 from ambinav_envs.registration import IDS
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+from ambinav_envs.tasks import TWIN_ROOMS
 
 LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
-LEVELS = ("1", "2", "3", "4", "5")
-# Penalty of a second, as in the task's reward.
-SECOND = 0.01
+LEVELS = {str(k): spec.name for k, spec in enumerate(TWIN_ROOMS, 1)}
 UNSEEN_BUILDINGS: dict[str, Any] = {"first_building": UNSEEN, "buildings": 32}
 HEADER = (
     "method", "kind", "drives", "arrived %", "missed %", "collided %", "timeout %", "seconds",
@@ -32,10 +33,14 @@ HEADER = (
 )  # fmt: skip
 
 
-def scores(episodes: Episodes) -> NDArray[np.float64]:
-    """Return the score of each episode."""
-    ends = episodes.ended(ARRIVED) * 1.0 - episodes.ended(MISSED) - episodes.ended(COLLIDED)
-    return np.asarray(ends - SECOND * episodes.seconds)
+def scores(episodes: Episodes, reward: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return the score of each episode, by the weights of the task's reward."""
+    ends = (
+        reward["arrival"] * episodes.ended(ARRIVED)
+        - reward["missed"] * episodes.ended(MISSED)
+        - reward["collision"] * episodes.ended(COLLIDED)
+    )
+    return np.asarray(ends - reward["time"] * episodes.seconds)
 
 
 def with_error(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -47,40 +52,34 @@ def section(
     level: str, whom: dict[str, Baseline], place: dict[str, Any], episodes: int, seed: int
 ) -> str:
     """Return the table of a level, and the paired leads of the best of each kind."""
-    rows, driven = [], {}
-    options = {**IDS[f"ambinav/TwinRooms{level}-v2"], **place}
+    rows, scored = [], {}
+    options = {**IDS[LEVELS[level]], **place}
     if "map" in place:
         del options["suite"], options["buildings"]
     for name, who in whom.items():
-        driven[name] = scored = drive(options, who, episodes, seed)
-        often, (mean, error) = (
-            share(scored.ended(ARRIVED)).scaled(100.0),
-            with_error(scores(scored)),
-        )
+        driven = drive(options, who, episodes, seed)
+        scored[name] = scores(driven, options["reward"])
+        often, (mean, error) = share(driven.ended(ARRIVED)).scaled(100.0), with_error(scored[name])
         rows.append([
             name, _kind(who), who.text, f"{often.value:.0f} ({often.low:.0f} to {often.high:.0f})",
-            *(f"{100 * scored.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)),
-            f"{scored.seconds.mean():.0f}", f"{mean:.2f} ± {error:.2f}",
+            *(f"{100 * driven.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)),
+            f"{driven.seconds.mean():.0f}", f"{mean:.2f} ± {error:.2f}",
         ])  # fmt: skip
         print(level, *rows[-1], sep=" | ", flush=True)
     where = place.get("map", "buildings that no policy has seen")
-    text = f"## TwinRooms{level}, {where}\n\n{table(HEADER, rows, 3)}\n\n"
+    text = f"## {LEVELS[level].removeprefix('ambinav/')}, {where}\n\n{table(HEADER, rows, 3)}\n\n"
     best = {
         kind: max(
-            (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: _mean(driven[n])
+            (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: scored[n].mean()
         )
         for kind in dict.fromkeys(map(_kind, whom.values()))
     }
     for kind, name in best.items():
         for rival_kind, rival in best.items():
-            if kind != rival_kind and _mean(driven[name]) > _mean(driven[rival]):
-                lead, error = with_error(scores(driven[name]) - scores(driven[rival]))
+            if kind != rival_kind and scored[name].mean() > scored[rival].mean():
+                lead, error = with_error(scored[name] - scored[rival])
                 text += f"- {name} ({kind}) over {rival} ({rival_kind}): {lead:.2f} ± {error:.2f}\n"
     return text
-
-
-def _mean(episodes: Episodes) -> float:
-    return float(scores(episodes).mean())
 
 
 def _kind(who: Baseline) -> str:
@@ -91,7 +90,7 @@ def main() -> None:
     """Parse arguments, drive, report."""
     args = arguments(
         __doc__,
-        level=option(None, "default: all", action="append", choices=LEVELS),
+        level=option(None, "default: all", action="append", choices=tuple(LEVELS)),
         method=option(None, "default: all", action="append", choices=tuple(BELIEF_METHODS)),
         map=option(None, "a building in the place of drawn ones, repeatable", action="append"),
         policy=option(None, "NAME=FILE of a trained policy, repeatable", action="append"),

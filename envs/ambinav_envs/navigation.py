@@ -196,6 +196,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     ## Version History
 
+    * v3, the last two `TwinRooms` alone: a false declaration costs twice as much, time half, and
+      there is twice as much of it; the odometry of the last is as modelled. Looks did not pay.
     * v2, `TwinRooms` alone: the paths from all hypotheses to the goal have a length from `shortest`
       to `longest`. That from the true start alone had, so that the first observation often told
       which of them it was.

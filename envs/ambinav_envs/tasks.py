@@ -62,20 +62,26 @@ _SURE_MCL: Final = {
 }  # fmt: skip
 """Monte Carlo localization that keeps several hypotheses apart: with fewer particles or more weight
 of a scan the shares of equal ones drift, and one of them dies without evidence."""
-_LEVELS: Final[tuple[dict[str, Any], ...]] = (
-    {"suite": "twin-rooms-seen"},
-    {"suite": "twin-rooms"},
-    {"suite": "twin-rooms", "start_prior": [0.5, 0.95]},
-    {"suite": "triple-rooms", "start_prior": [0.4, 0.95]},
-    {"suite": "triple-rooms", "start_prior": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
-)
+_THREE_WINGS: Final[dict[str, Any]] = {
+    "suite": "triple-rooms", "start_prior": [0.4, 0.95], "max_steps": 1000,
+    "reward": {**PRESETS["shortest"], "time": 0.005, "missed": 2.0},
+}  # fmt: skip
+"""A look at a chamber without the post leaves two wings: with the prices of two wings, looks cost
+more time than false declarations cost."""
+_LEVELS: Final[dict[str, dict[str, Any]]] = {
+    "1-v2": {"suite": "twin-rooms-seen"},
+    "2-v2": {"suite": "twin-rooms"},
+    "3-v2": {"suite": "twin-rooms", "start_prior": [0.5, 0.95]},
+    "4-v3": _THREE_WINGS,
+    "5-v3": {**_THREE_WINGS, "people": 4},
+}
 _TWIN_ROOMS: Final[dict[str, dict[str, Any]]] = {
-    f"TwinRooms{level}-v2": {
+    f"TwinRooms{level}": {
         "localizer": "mcl", "mcl": _SURE_MCL, "start_aliases": 2, "hypotheses": 3,
         "shortest": 6.0, "longest": 25.0, "max_steps": 500,
         "reward": {**PRESETS["shortest"], "time": 0.01}, **own,
     }
-    for level, own in enumerate(_LEVELS, 1)
+    for level, own in _LEVELS.items()
 }  # fmt: skip
 
 _ABOUT: Final[dict[str, str]] = {
@@ -119,10 +125,12 @@ _ABOUT: Final[dict[str, str]] = {
         "As the second level, but one of the wings is more likely from the start, by 50 to 95 %: a "
         "look costs time, and pays only when it is not likely enough."
     ),
-    "TwinRooms4-v2": (
-        "As the third level, with three wings: a look into one chamber may leave two of them."
+    "TwinRooms4-v3": (
+        "As the third level, with three wings: a look into one chamber may leave two of them. A "
+        "false declaration costs twice what an arrival is worth, and time half of that in the "
+        "other levels."
     ),
-    "TwinRooms5-v2": ("As the fourth level, with people who hide the post, and worse odometry."),
+    "TwinRooms5-v3": ("As the fourth level, with four people who hide the post."),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
 

@@ -30,7 +30,7 @@ gym.register_envs(ambinav_envs)
 FEW: dict[str, Any] = {"buildings": 1, "max_steps": 30}
 KEPT = (
     "ambinav/Procedural-v1", "ambinav/Kidnapped-NoMap-v1", "ambinav/Loop-TruePose-v1",
-    "ambinav/TwinRooms5-v2",
+    "ambinav/TwinRooms5-v3",
 )  # fmt: skip
 # Suites, and twins of an id, differ by one argument: offices stand for the others. Of the twin
 # rooms the last have whatever the others have.

@@ -229,7 +229,7 @@ def test_what_makes_no_sense_is_refused(options: dict[str, Any], message: str) -
 
 
 @pytest.mark.slow(
-    kept=("ambinav/Kidnapped-v1", "ambinav/NarrowScanner-v1", "ambinav/TwinRooms5-v2")
+    kept=("ambinav/Kidnapped-v1", "ambinav/NarrowScanner-v1", "ambinav/TwinRooms5-v3")
 )
 @pytest.mark.parametrize("name", [spec.name for spec in (*HARD_TASKS, *TWIN_ROOMS[2::2])])
 def test_a_pickled_batch_goes_on_bit_for_bit(name: str) -> None:
