@@ -129,7 +129,7 @@ def log_losses(log_share: Floats, scores: Floats, true: Ints) -> Floats:
     return np.asarray(whole - (log_share + scores)[row, true])
 
 
-@pytest.mark.slow(kept=("1", "5"))
+@pytest.mark.slow(kept=("1",))
 @pytest.mark.parametrize("level", range(1, 6))
 def test_the_first_observation_tells_no_more_than_the_shares(level: int) -> None:
     log_share, features, true = first_observations(f"ambinav/TwinRooms{level}-v2", 400)

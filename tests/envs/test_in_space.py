@@ -80,6 +80,7 @@ def test_a_level_scanner_sees_in_an_extruded_room_what_it_sees_in_the_plan(
             assert np.allclose(values, other[part], rtol=0.0, atol=1e-3), part
 
 
+@pytest.mark.slow(kept=("ekf",))
 @pytest.mark.parametrize("localizer", ["ekf", "mcl"])
 def test_a_3d_scanner_is_localized(localizer: str) -> None:
     rows, worst = episode(tall(), LIDAR, localizer=localizer)

@@ -151,6 +151,7 @@ def test_forecasts_in_a_mesh_are_those_of_prisms(layer: str) -> None:
     assert near.mean() > 0.95
 
 
+@pytest.mark.sweep
 def test_sonars_in_space_have_a_perturbation() -> None:
     """As in the plan, but for rays between those of its fan."""
     plan = scenes.room(4.0, 3.0)

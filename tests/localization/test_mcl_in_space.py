@@ -91,6 +91,7 @@ def test_a_table_holds_what_a_scanner_reads_at_its_points(in_mesh: bool) -> None
         assert np.allclose(ranges[:lasers], expected[:lasers], atol=1e-4, equal_nan=True)
 
 
+@pytest.mark.sweep
 def test_reflectors_are_surfaces_of_the_building() -> None:
     plan = worlds.box(6.0, 4.0)
     kind = np.array([REFLECTOR, 0, 0, 0], dtype=np.uint8)

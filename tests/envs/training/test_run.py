@@ -119,7 +119,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("sac", "recurrent"))
 @pytest.mark.parametrize(
     "other", [{}, SAC, RECURRENT, CORRECTED], ids=["ppo", "sac", "recurrent", "corrected"]
 )
@@ -271,7 +271,7 @@ def test_what_is_finished_is_finished_again_with_the_same_bytes(
         assert (again / name).read_bytes() == (whole / name).read_bytes(), name
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("TwinRooms1-v2",))
 @pytest.mark.parametrize("name", ["Kidnapped-v1", "UnknownStart-v1", "TwinRooms1-v2"])
 def test_tasks_can_be_trained(tmp_path: Path, name: str) -> None:
     environment = {"id": f"ambinav/{name}", "buildings": 1}
