@@ -25,6 +25,7 @@ def page(chromium: Any, live: Any) -> Iterator[Any]:
     opened.context.close()
 
 
+@pytest.mark.sweep
 def test_an_undo_during_a_drag_loses_no_step(page: Any) -> None:
     first, second, end = at(page, 3.0, 1.6), at(page, 7.0, 1.6), at(page, 3.0, 2.0)
     tool(page, "Post")
@@ -44,6 +45,7 @@ def test_an_undo_during_a_drag_loses_no_step(page: Any) -> None:
     shown(page, 1)
 
 
+@pytest.mark.sweep
 def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> None:
     """Both weights are in the list of the last version, whichever was planned meanwhile."""
     pytest.importorskip("ambinav_planners.registry")
@@ -112,6 +114,7 @@ def test_a_heading_of_the_address_is_that_of_the_controls(chromium: Any, live: A
     page.context.close()
 
 
+@pytest.mark.sweep
 def test_beside_the_map_nothing_is_asked(page: Any) -> None:
     problems: list[str] = []
     page.on("pageerror", lambda problem: problems.append(str(problem)))

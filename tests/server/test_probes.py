@@ -130,7 +130,7 @@ def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
         assert process.wait(30) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_check_fails_where_no_process_for_plans_starts(plan_map: Path, tmp_path: Path) -> None:
     script = tmp_path / "unguarded.py"  # each process that it starts runs it again, and ends
     script.write_text("from ambinav.cli import app\napp()\n")

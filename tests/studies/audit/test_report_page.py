@@ -85,6 +85,7 @@ def test_layers_switch(page):
     assert "badly localized" in page.locator(".legend").inner_text()
 
 
+@pytest.mark.slow(kept=("place1",))
 @pytest.mark.parametrize("place", [(2.0, 2.5, 0.3), (9.3, 2.0, 1.0), (20.0, 5.0, -2.0)])
 def test_the_scan_is_that_of_the_audit(page, building, laser, sonar, place):
     page.context.close()
@@ -124,7 +125,7 @@ def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.slow(kept=("light-1280", "dark-390"))
+@pytest.mark.slow(kept=("dark-390",))
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_too_wide(chromium, report, width, scheme):

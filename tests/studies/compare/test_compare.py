@@ -138,7 +138,7 @@ def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None
     assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
     """Whatever was done when it was killed, the same command gives the same tables."""
     out = tmp_path / "out"

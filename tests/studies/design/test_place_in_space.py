@@ -178,7 +178,7 @@ def test_requirements_are_met_in_space(folder) -> None:
     assert [step["text"] for step in space["steps"]] == [step["text"] for step in plan["steps"]]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_audit_in_space_gives_the_advice_of_the_plan(folder) -> None:
     """Of a level scanner in an extruded hall: the same changes, posts and lost routes."""
     reports = []

@@ -178,7 +178,7 @@ def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
     assert (np.diff(bad) <= 1e-9).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_laxer_requirement_never_costs_more(longer) -> None:
     every = [solve(longer, f"bad < {limit} %", "posts=3,panels=2,scanner") for limit in LIMITS[:4]]
     costs = [found.cost for found in every if found.met]
@@ -255,7 +255,7 @@ def test_another_scanner_is_also_tried_in_the_centre() -> None:
     np.testing.assert_allclose(options[-2].scanner.mounts[:, 0], 0.2, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_how_often_mixed_kinds_are_as_cheap_as_the_best_of_all_sets() -> None:
     """In a corridor posts help only in pairs, which greedy does not foresee: 7 of 10."""
     hall, corridor = shapely.box(0, 0, 7, 5), shapely.box(7, 1.5, 17, 3)
