@@ -17,7 +17,7 @@ START, GOAL = (3.0, 3.0), (42.0, 20.0)
 SLACK = 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("prmstar",))
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_more_weight_is_longer_and_less_exposed(robot: RoutePlanner, name: str) -> None:
     front = pareto(robot, START, GOAL, planner_name=name, iterations=2000, seconds=math.inf, seed=1)

@@ -425,7 +425,7 @@ def test_a_field_of_a_pcd_may_hold_nothing(tmp_path: Path) -> None:
     assert same(read_cloud(path, up="z"), read_cloud(plain, up="z"))
 
 
-@pytest.mark.slow(kept=("3.0-axis1",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(("degrees", "axis"), [(0.5, (0.6, -0.8)), (3.0, (1.0, 0.0))])
 def test_a_tilted_cloud_is_levelled(
     tmp_path: Path, degrees: float, axis: tuple[float, float]
