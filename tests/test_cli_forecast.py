@@ -180,7 +180,7 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
     assert not (folder / "new.csv").exists()
 
 
-@pytest.mark.slow(kept=("amcl-default",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("odometry", "start", "std"),
     [

@@ -142,6 +142,7 @@ def rasterise(env: Environment, folder: Path) -> Path:
     return folder / "demo.yaml"
 
 
+@pytest.mark.sweep
 def test_through_a_rasterised_map(
     demo: Environment, coarse_map: AmbiguityMap, laser: RangeScanner, points: Points, tmp_path: Path
 ) -> None:

@@ -108,7 +108,7 @@ def test_the_spaces_of_the_duplex_are_free_but_for_stairs(level: str, plans: Pat
     assert (env.segments.kind == GLASS).any()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_pavilion_has_no_storeys_and_its_drawing_is_the_same(plans: Path) -> None:
     model = load_environment(plans / "barcelona_pavilion.ifc")
     drawing = load_environment(plans / "barcelona_pavilion.dxf")

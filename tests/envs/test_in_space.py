@@ -91,6 +91,7 @@ EXACT = RangeSensor(max_range=20.0, std=0.0, resolution=1e-5, random_share=0.0)
 CAMERA = RangeScanner((Part(EXACT, Camera(6, 4, math.radians(80.0), math.radians(50.0), z=0.5)),))
 
 
+@pytest.mark.slow(kept=("scanner1-1", "scanner2-12"))
 @pytest.mark.parametrize(
     ("scanner", "moments"),
     [

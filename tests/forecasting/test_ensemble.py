@@ -213,7 +213,7 @@ def test_exact_odometry_keeps_the_error_of_the_start(empty: Environment) -> None
     assert np.std(runs.error[:, 0, :2]) == pytest.approx(0.05, rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("ekf",))
 @pytest.mark.parametrize("localizer", ["odometry", "ekf"])
 def test_without_echoes_errors_grow_as_dead_reckoning_says(
     empty: Environment, localizer: str

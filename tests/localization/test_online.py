@@ -277,7 +277,7 @@ def study(spoilt: str, model: str, power: float) -> list[tuple[np.ndarray, float
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("aged",))
 @pytest.mark.parametrize("spoilt", ["people", "aged"])
 def test_a_sure_filter_errs_less_where_the_map_is_wrong(spoilt: str) -> None:
     (off, off_nees), (on, on_nees) = study(spoilt, "likelihood_field_prob", 1.0)

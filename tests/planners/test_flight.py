@@ -182,7 +182,7 @@ def test_the_bound_of_the_way_over_the_fence(by_length: FlightPlanner) -> None:
     assert 0.0 < bound < shortest
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
     robot: FlightPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -171,7 +171,7 @@ def test_a_process_that_dies_is_reported_at_once() -> None:
         call_seeded(8, noisy_planners.gives_what_cannot_be_sent)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.usefixtures("seeded_here")
 def test_nothing_is_read_from_standard_input() -> None:
     assert call_seeded(8, noisy_planners.asks) == ""

@@ -81,7 +81,7 @@ def audited(url: str, folder: Path) -> Iterator[httpx.Response]:
         yield stream
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_who_follows_an_audit_is_told_when_the_server_ends(
     plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

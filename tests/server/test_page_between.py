@@ -77,6 +77,7 @@ def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> Non
     assert "Shortest" in texts[0] and "Weight 5" in texts[1]
 
 
+@pytest.mark.sweep
 def test_a_map_that_is_chosen_again_has_its_obstacles(page: Any) -> None:
     """And so have others who share the session."""
     first, second = at(page, 3.0, 1.6), at(page, 7.0, 1.6)
@@ -97,6 +98,7 @@ def test_a_map_that_is_chosen_again_has_its_obstacles(page: Any) -> None:
     shown(page, 2)
 
 
+@pytest.mark.sweep
 def test_the_form_asks_for_a_wall_with_a_length_after_a_post(page: Any) -> None:
     place = at(page, 3.0, 1.6)
     tool(page, "Post")

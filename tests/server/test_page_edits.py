@@ -193,6 +193,7 @@ def test_files_are_saved_and_opened(page: Any, tmp_path: Path) -> None:
     page.locator("#panel-edit .message.error").wait_for()
 
 
+@pytest.mark.sweep
 def test_a_map_that_was_forgotten_comes_back(page: Any, live: Any) -> None:
     page.get_by_label("Kind of obstacle").select_option(label="Post")
     number(page, "x").fill("7.5")
@@ -320,6 +321,7 @@ def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
             each.context.close()
 
 
+@pytest.mark.sweep
 def test_two_people_edit_one_session(chromium: Any, plan_map: Path) -> None:
     with running(create_app([plan_map])) as live:
         pages = [visit(chromium, f"{live.url}/?map=map&session=shared") for _ in range(2)]

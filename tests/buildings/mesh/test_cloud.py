@@ -354,7 +354,7 @@ def test_a_missing_package_is_named(
         read_cloud(path)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) -> None:
     folder = data_dir / "mesh3d"
     centres = read_cloud(folder / "geb079_occupied_voxels.ply", voxel=0.08)

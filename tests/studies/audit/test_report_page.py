@@ -65,6 +65,7 @@ def test_it_opens_from_a_file_and_asks_for_nothing(page, report):
     assert above[0] < above[1] < page.locator("#explorer").bounding_box()["y"]
 
 
+@pytest.mark.sweep
 def test_a_place_of_the_table_is_shown_with_its_values(page, examined):
     for finding in examined.findings[:2]:
         place = finding.place

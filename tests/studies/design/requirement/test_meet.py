@@ -186,7 +186,7 @@ def test_a_laxer_requirement_never_costs_more(longer) -> None:
     assert (np.diff(costs) >= 0.0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_ten_times_the_prices_choose_the_same_set(longer) -> None:
     once = solve(longer, "bad < 30 %", "posts=3,panels=2")
     tenfold = solve(longer, "bad < 30 %", "posts=3,panels=2", scale=10.0)

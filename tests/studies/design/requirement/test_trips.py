@@ -130,7 +130,7 @@ def test_the_solution_is_forecast_and_driven_as_it_says() -> None:
     assert before.side == "above"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_laxer_requirement_and_a_larger_budget_cost_no_more() -> None:
     costs = [solve(f"lost < {limit} %").cost for limit in (30, 10, 5)]
     assert costs == sorted(costs)
