@@ -131,6 +131,7 @@ def test_the_audit_of_a_building_model_in_space(runner: CliRunner, house: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
     result = runner.invoke(app, ["audit", str(DEMO_BUILDING), *options, "--posts", "2"])

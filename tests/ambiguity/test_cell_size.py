@@ -22,7 +22,7 @@ def test_drawn(demo: Environment, laser: RangeScanner, angle: float) -> None:
     assert max(medians(demo.transformed(angle), laser)) < DEMO_MEDIAN
 
 
-@pytest.mark.slow(kept=("3",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("part", range(8))
 def test_recorded(data_dir: Path, laser: RangeScanner, part: int) -> None:
     """Every map of the folder: its fitted walls, rasterised anew."""

@@ -156,7 +156,7 @@ def test_the_first_observation_tells_no_more_than_the_shares(level: int) -> None
     assert plain.mean() == pytest.approx(expected.mean(), abs=3.0 * error)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_paths_from_all_hypotheses_have_the_length_asked_for() -> None:
     for level in (2, 4):
         given = {**IDS[f"ambinav/TwinRooms{level}-v2"], "buildings": 2, "window": False}

@@ -184,6 +184,7 @@ def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
     assert (shaded > 10).all()
 
 
+@pytest.mark.slow(kept=("options1",))
 @pytest.mark.parametrize(
     "options", [{}, {"people": 1, "obstacles": 1}, {"people": 1, "obstacles": 1, "scan_time": 0.2}]
 )

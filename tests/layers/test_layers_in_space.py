@@ -97,6 +97,7 @@ def test_a_3d_scanner_knows_its_place_by_what_hangs_above_it(layer: str) -> None
     assert with_racks < 0.3 * bare and bare > 0.2
 
 
+@pytest.mark.sweep
 def test_expected_ranges_on_voxels_are_near_the_true_ones() -> None:
     """In a furnished room, along rays anywhere: what a ray grazes alone is blurred by more."""
     env, _ = furnished()

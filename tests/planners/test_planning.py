@@ -208,7 +208,7 @@ def test_a_price_on_walls_keeps_away_from_them(demo_map: AmbiguityMap) -> None:
     assert away[1] > 1.4 * away[0]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: AmbiguityMap) -> None:
     robot = RoutePlanner(heading_map)
     for name in ("rrtstar", "informed-rrtstar", "sorrtstar", "fmt", "bfmt"):

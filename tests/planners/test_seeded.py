@@ -229,7 +229,7 @@ def test_a_plug_in_that_prints_plans_with_a_seed(
     assert first == second
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_seed_0_is_one_that_ompl_takes() -> None:
     code = (
         "from ambinav_planners.seeded import _take_seed; from ompl import util; "

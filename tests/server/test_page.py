@@ -173,7 +173,7 @@ def test_places_fly_and_hold_the_point(page, live):
     page.wait_for_selector(".readout.resting")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_another_map_takes_the_place_of_the_first(chromium, live):
     opened = visit(chromium, f"{live.url}/?map=narrow-room")
     choice = opened.get_by_label("Map", exact=True)

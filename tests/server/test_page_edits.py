@@ -210,6 +210,7 @@ def test_a_map_that_was_forgotten_comes_back(page: Any, live: Any) -> None:
     assert id in [one.name for one in live.context.maps.edited]
 
 
+@pytest.mark.sweep
 def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
     number(page, "x").fill("7.5")
     number(page, "y").fill("1.7")

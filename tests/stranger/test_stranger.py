@@ -281,7 +281,7 @@ def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
         assert own or group["kind"] == "sensor model"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_broken_plug_in_is_listed_with_its_error(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"

@@ -149,7 +149,7 @@ def test_resumed_is_as_if_never_interrupted(
     assert len(json.loads((broken / "run.json").read_text())["sessions"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         train(tiny(), tmp_path / "out", callback=interrupted_at(0))
@@ -178,7 +178,7 @@ def test_an_interrupt_waits_for_what_torch_writes(
     envs.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -> None:
     train(tiny(), tmp_path / "again")
     with (

@@ -116,7 +116,7 @@ def test_the_html_shows_the_routes_of_each_pair(done: Path, chromium: Any) -> No
     context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_two_processes_find_the_same(done: Path, tmp_path: Path) -> None:
     found = compare(done.parent / "flat.yaml", tmp_path / "two", "--jobs", "2", "--json")
     assert found.exit_code == 0, found.output

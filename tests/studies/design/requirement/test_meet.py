@@ -170,7 +170,7 @@ def test_what_an_audit_alone_misses_is_said(longer) -> None:
 @pytest.mark.slow
 def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
     bad = []
-    for budget in (0, 39, 40, 80, 100, 120, 130, 170, 210):
+    for budget in (0, 39, 40, 120, 210):
         found = solve(longer, budget=budget)
         assert found.cost <= budget
         bad.append(found.after.state.bad)
