@@ -382,7 +382,7 @@ def test_as_a_program(folder):
     assert run("-m", "ambinav.cli", "audit", "none.yaml", "-s", "x", "-o", "out").returncode == 2
 
 
-@pytest.mark.slow(kept=("SIGKILL", "SIGINT"))
+@pytest.mark.slow(kept=("SIGKILL",))
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
 def test_a_killed_run_leaves_the_older_map(folder, name):
     assert CliRunner().invoke(app, MAP).exit_code == 0

@@ -81,7 +81,8 @@ def test_it_ends_with_the_status_of_a_command_that_fails(tmp_path, monkeypatch):
     assert "reports" not in result.stdout
 
 
-@pytest.mark.slow(minutes=0.5)
+@pytest.mark.slow(minutes=0.2)
+@pytest.mark.usefixtures("coarse_pictures")
 def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     """All of it, but of one pair, with fewer drives and OMPL iterations, coarser and all around."""
     text = DEMO_DRIVES.read_text(encoding="utf-8")
@@ -101,7 +102,7 @@ def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     # Its maps have one heading, not eight.
     monkeypatch.setattr(module, "DEMO_SCANNER", "turtlebot3-lds")
     audit, plan = steps(Path("made"))
-    monkeypatch.setattr(module, "steps", lambda output: [[*audit, "--spacing", "0.2"], plan])
+    monkeypatch.setattr(module, "steps", lambda output: [[*audit, "--spacing", "0.4"], plan])
     monkeypatch.setenv("PYTHONPATH", PATHS)
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["demo", "-o", "made", "--json"])

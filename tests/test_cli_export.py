@@ -201,7 +201,7 @@ def test_a_full_disk_leaves_nothing(
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_terminated_export_leaves_nothing(plan_folder: Path) -> None:
     """Terminated while it writes: no half a file, no scratch."""
     code = (

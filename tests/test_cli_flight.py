@@ -50,7 +50,7 @@ def runner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
     return CliRunner()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_flight_is_certified(runner: CliRunner) -> None:
     done = runner.invoke(app, [*PLAN, *BUDGET, "--weight", "1", "--certify", "-o", "c.csv"])
     assert done.exit_code == 0, done.output

@@ -138,7 +138,7 @@ def test_a_route_is_verified_by_drives(folder: Path) -> None:
     assert "whether that is less than 1 % is undecided." in undecided.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--pareto", "--weights", "0 8", "-o", "front"]
     printed = CliRunner().invoke(app, [*command, "--odometry", "poor", "--json"]).stdout
@@ -180,7 +180,7 @@ def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> 
     assert not (folder / "new.csv").exists()
 
 
-@pytest.mark.slow(kept=("amcl-default",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("odometry", "start", "std"),
     [

@@ -227,7 +227,7 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
     assert route.clearance_weight == 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_seeds_and_iterations(runner: CliRunner, plan_folder: Path) -> None:
     for name in ("a.csv", "b.csv"):
         arguments = ("-o", name, "--seed", "4", "--iterations", "300", "--time", "inf")

@@ -63,7 +63,7 @@ def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: Cl
     assert np.nanmax(np.abs(flat - solid)) < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_mesh_and_a_plan_with_a_height_in_tiles(runner: CliRunner, room: Path) -> None:
     high = [*PLANAR, "--scanner-height", "0.3"]
     for building, space in ((room, ["--floor", "0"]), (DEMO_BUILDING, ["--extrude", "2.5"])):
@@ -121,7 +121,7 @@ def test_a_building_model_in_space(runner: CliRunner, house: Path, preset: str) 
     assert "`--in-space` for those of an .ifc file" in " ".join(flat.output.split())
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_audit_of_a_building_model_in_space(runner: CliRunner, house: Path) -> None:
     options = ["--level", "0", "--in-space", "--places", "1", "--no-aliasing", "-o", "out"]
     result = runner.invoke(app, ["audit", str(house), *LIDAR, *options])
@@ -131,6 +131,7 @@ def test_the_audit_of_a_building_model_in_space(runner: CliRunner, house: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
     result = runner.invoke(app, ["audit", str(DEMO_BUILDING), *options, "--posts", "2"])

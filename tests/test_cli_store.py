@@ -195,7 +195,7 @@ def test_two_processes_build_the_same(folder) -> None:
     assert len(list((folder / "cache" / "ambinav-maps").glob("*.map"))) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_some_kills(tmp_path) -> None:
     """`benchmarks/kill_store.py` with fewer; its report is benchmarks/results/store.md."""
     words = ("--kills", "3", "--seed", "1", "--folder", str(tmp_path / "maps"), "--json")

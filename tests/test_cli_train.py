@@ -93,7 +93,7 @@ def test_a_training_is_not_trained_over(runner: CliRunner, folder: Path) -> None
     assert other.exit_code == 2 and "seed is 5 and was 3" in other.stderr
 
 
-@pytest.mark.slow(kept=("2-130",))
+@pytest.mark.sweep
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_training_can_be_resumed(

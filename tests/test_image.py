@@ -124,7 +124,7 @@ def ambinav() -> Iterator[ForkServer]:
     server.close()
 
 
-@pytest.mark.slow(minutes=0.5)
+@pytest.mark.sweep
 def test_what_the_image_compiles_leaves_nothing_to_compile(
     tmp_path: Path, ambinav: ForkServer
 ) -> None:

@@ -29,7 +29,7 @@ def cluttered(rng: np.random.Generator) -> Environment:
     return environment_from_shapes(list(shapely.get_parts(free)))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("4.0-0.03",))
 @pytest.mark.parametrize(("reach", "std"), [(4.0, 0.03), (30.0, 0.01)])
 def test_in_clutter(reach: float, std: float) -> None:
     rng = np.random.default_rng(3)

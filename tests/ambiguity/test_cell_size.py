@@ -16,13 +16,13 @@ DEMO_MEDIAN = 0.004
 MEDIAN = 0.016
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.0",))
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_drawn(demo: Environment, laser: RangeScanner, angle: float) -> None:
     assert max(medians(demo.transformed(angle), laser)) < DEMO_MEDIAN
 
 
-@pytest.mark.slow(kept=("3",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("part", range(8))
 def test_recorded(data_dir: Path, laser: RangeScanner, part: int) -> None:
     """Every map of the folder: its fitted walls, rasterised anew."""

@@ -85,6 +85,7 @@ def test_direction_turns_with_the_building(
     assert np.percentile(off, 95) < 2.0
 
 
+@pytest.mark.sweep
 def test_half_the_spacing(demo: Environment, laser: RangeScanner, points: Points) -> None:
     # A quarter of the building; walls stand along the cut.
     xmin, ymin, xmax, ymax = demo.bounds
@@ -141,6 +142,7 @@ def rasterise(env: Environment, folder: Path) -> Path:
     return folder / "demo.yaml"
 
 
+@pytest.mark.sweep
 def test_through_a_rasterised_map(
     demo: Environment, coarse_map: AmbiguityMap, laser: RangeScanner, points: Points, tmp_path: Path
 ) -> None:

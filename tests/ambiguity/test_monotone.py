@@ -65,7 +65,7 @@ def warehouse() -> Environment:
     return environment_from_shapes([hall.difference(shapely.union_all(racks))], name="warehouse")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_warehouse() -> None:
     hold(warehouse(), spacing=0.4)
 

@@ -100,7 +100,7 @@ def test_centimetres_off_the_centre_are_no_reason_for_headings(
         hold(centred, amap)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("all", "fan"))
 @pytest.mark.parametrize("scanner", [all_around(), FAN, SONARS], ids=["all", "fan", "sonars"])
 def test_mounts_in_a_house(house: Environment, scanner: RangeScanner) -> None:
     """With headings, asked for where the scanner needs none."""
@@ -177,7 +177,7 @@ def test_mounts_on_all_maps(data_dir: Path, part: int) -> None:
         hold(centred, exact)
 
 
-@pytest.mark.slow(kept=("aws_small_house",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", ["nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter"])
 def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str) -> None:
     env, _ = recorded.read(data_dir / "maps" / f"{name}.yaml")

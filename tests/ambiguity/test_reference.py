@@ -114,7 +114,7 @@ def test_mixed_scanner(turned: Environment) -> None:
     assert worst(turned, MIXED) < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("coarse", "off"))
 @pytest.mark.parametrize("scanner", [COARSE, MIXED, OFF_CENTRE], ids=["coarse", "mixed", "off"])
 def test_frontiers_and_thin_walls(scanner: RangeScanner) -> None:
     env = with_frontiers()

@@ -175,7 +175,7 @@ def test_what_is_kept_is_what_the_study_reads(effects: ModuleType, tmp_path: Pat
         module.keep(tmp_path / "odd.npz", driven)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_second_start_does_nothing_twice(
     effects: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

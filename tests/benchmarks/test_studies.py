@@ -132,7 +132,7 @@ def test_criterion_of_routes_by_two_layers(script: object) -> None:
     assert study.judged((none, none)) == study.judged((lower, higher)) == "not met"
 
 
-@pytest.mark.slow(kept=("kalman",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("localizer", ["product", "kalman"])
 def test_places_do_not_depend_on_where_a_study_was_stopped(
     script: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, localizer: str

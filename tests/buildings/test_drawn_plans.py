@@ -74,7 +74,7 @@ def test_a_plan_that_is_turned_has_the_same_floor(part: int, tmp_path: Path) -> 
         assert not warned, (plan.name, turned.angle)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("lines",))
 @pytest.mark.parametrize("style", STYLES)
 def test_random_rooms_have_their_floor(style: str, tmp_path: Path) -> None:
     for seed in range(12):

@@ -191,7 +191,7 @@ def test_random_rays_against_the_triangles_of_the_house(house: Path, ground: Env
     assert (differ > 1e-4).mean() < 1e-3  # rays that pass an edge by less than Embree resolves
 
 
-@pytest.mark.slow(kept=("barcelona_pavilion-None-0.0005",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(("name", "level", "share"), [
     ("institute", 1, 0.010), ("duplex", "Level 1", 0.013), ("barcelona_pavilion", None, 0.0005),
 ])  # fmt: skip

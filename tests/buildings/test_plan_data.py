@@ -33,7 +33,7 @@ def of_storey(model: Any, kind: str, storey: Any) -> list[Any]:
     return [one for one in model.by_type(kind) if storey_of(one) == storey]
 
 
-@pytest.mark.slow(kept=("0-1.2",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(("level", "stairs"), [(0, 1.2), (2, 1.4)])
 def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
     level: int, stairs: float, plans: Path
@@ -70,7 +70,7 @@ def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
     assert len(shapely.get_parts(closed.free)) == len(spaces)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_institute_has_its_storeys_and_corridors(plans: Path) -> None:
     path = plans / "institute.ifc"
     model = ifcopenshell.open(str(path))
@@ -108,7 +108,7 @@ def test_the_spaces_of_the_duplex_are_free_but_for_stairs(level: str, plans: Pat
     assert (env.segments.kind == GLASS).any()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_pavilion_has_no_storeys_and_its_drawing_is_the_same(plans: Path) -> None:
     model = load_environment(plans / "barcelona_pavilion.ifc")
     drawing = load_environment(plans / "barcelona_pavilion.dxf")

@@ -81,7 +81,7 @@ def assert_walls_stand(grid: OccupancyGrid, env: Environment, rays: int = 2000) 
         *(pytest.param(turn, marks=pytest.mark.sweep) for turn in (30.0, 83.0)),
     ],
 )
-@pytest.mark.parametrize("thickness", [1, pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("thickness", [1, pytest.param(2, marks=pytest.mark.sweep), 3])
 @pytest.mark.parametrize("ends", ["one", "both", "none"])
 def test_a_wall_with_a_door_stands_and_the_door_is_open(
     thickness: int, degrees: float, ends: str

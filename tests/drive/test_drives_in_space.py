@@ -76,7 +76,7 @@ def test_a_3d_scanner_drives(localizer: str) -> None:
     assert np.nanquantile(off(drives), 0.9) < (0.1 if localizer == "mcl" else 0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_all_beams_of_a_3d_scanner_drive() -> None:
     scanner = RangeScanner.from_preset("velodyne-vlp-16")
     for localizer, most in (("mcl", 0.1), ("ekf", 0.005)):
@@ -154,20 +154,26 @@ def test_rays_pass_over_people_and_end_on_their_heads(mesh: bool) -> None:
     assert ahead(0.3, 0.0) == pytest.approx(3.6, abs=1e-5)
 
 
-@pytest.mark.slow
-def test_sonars_drive_in_space() -> None:
-    """What they read there is nearer than in the plane, and localizers know it."""
-    env = tall()
-    sonar = RangeSensor(
+SONARS = RangeScanner.planar(
+    RangeSensor(
         max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(20.0),
         max_incidence=math.radians(40.0),
-    )  # fmt: skip
-    ring = RangeScanner.planar(sonar, 16, math.tau).raised(0.5)
-    drives = driven(env, ring, "mcl", runs=2)
+    ), 16, math.tau,
+).raised(0.5)  # fmt: skip
+
+
+@pytest.mark.slow(kept=("ekf",))
+@pytest.mark.parametrize(
+    ("localizer", "most"),
+    [
+        ("mcl", 0.25),
+        ("ekf", 0.2),
+        (MclParameters.for_scanner(SONARS, beam_table_resolution=0.0), 0.2),
+    ],
+    ids=["mcl", "ekf", "cast"],
+)
+def test_sonars_drive_in_space(localizer: Any, most: float) -> None:
+    """What they read there is nearer than in the plane, and localizers know it."""
+    drives = driven(tall(), SONARS, localizer, runs=2)
     assert (drives.outcome == REACHED).all()
-    assert np.nanquantile(off(drives), 0.9) < 0.25
-    direct = MclParameters.for_scanner(ring, beam_table_resolution=0.0)
-    for localizer in ("ekf", direct):
-        drives = driven(env, ring, localizer, runs=2)
-        assert (drives.outcome == REACHED).all()
-        assert np.nanquantile(off(drives), 0.9) < 0.2
+    assert np.nanquantile(off(drives), 0.9) < most

@@ -49,6 +49,7 @@ def localizer(
     return made
 
 
+@pytest.mark.slow(kept=("1.0",))
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_errors_are_what_the_covariance_says(speed: float) -> None:
     """NEES within its chi-square interval over 30 runs, with the map as exact as the world."""

@@ -38,7 +38,7 @@ def test_particle_filters_suit_the_scanner_by_default() -> None:
     assert replace(few, people=1).particles == few.particles
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_batch_with_sonars_is_the_single_environment_too() -> None:
     mcl = {"max_particles": 200, "min_particles": 100}
     options: dict[str, Any] = {

@@ -80,6 +80,7 @@ def test_a_level_scanner_sees_in_an_extruded_room_what_it_sees_in_the_plan(
             assert np.allclose(values, other[part], rtol=0.0, atol=1e-3), part
 
 
+@pytest.mark.slow(kept=("ekf",))
 @pytest.mark.parametrize("localizer", ["ekf", "mcl"])
 def test_a_3d_scanner_is_localized(localizer: str) -> None:
     rows, worst = episode(tall(), LIDAR, localizer=localizer)
@@ -90,6 +91,7 @@ EXACT = RangeSensor(max_range=20.0, std=0.0, resolution=1e-5, random_share=0.0)
 CAMERA = RangeScanner((Part(EXACT, Camera(6, 4, math.radians(80.0), math.radians(50.0), z=0.5)),))
 
 
+@pytest.mark.slow(kept=("scanner1-1", "scanner2-12"))
 @pytest.mark.parametrize(
     ("scanner", "moments"),
     [
@@ -182,6 +184,7 @@ def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
     assert (shaded > 10).all()
 
 
+@pytest.mark.slow(kept=("options1",))
 @pytest.mark.parametrize(
     "options", [{}, {"people": 1, "obstacles": 1}, {"people": 1, "obstacles": 1, "scan_time": 0.2}]
 )

@@ -32,8 +32,8 @@ WITHOUT_ID: dict[str, dict[str, Any]] = {
 }
 # The last twin rooms have whatever the others have.
 FEWER_FEATURES = tuple(f"ambinav/TwinRooms{k}-" for k in range(1, 5))
-
-
+# Suites are buildings: offices and procedural ones stand for the others.
+OTHER_SUITES = tuple(f"ambinav/{suite}-" for suite in ("Corridor", "Hall", "Loop", "Warehouse"))
 # A twin without the map drives the same episodes and observes less.
 WITHOUT_MAP = ("ambinav/Office-NoMap-v1", "ambinav/Kidnapped-NoMap-v1")
 
@@ -41,7 +41,8 @@ WITHOUT_MAP = ("ambinav/Office-NoMap-v1", "ambinav/Kidnapped-NoMap-v1")
 def marks_of(name: str) -> list[pytest.MarkDecorator]:
     """Return the marks of an id."""
     twin = "-NoMap-" in name and name not in WITHOUT_MAP
-    return [pytest.mark.sweep] if twin or name.startswith(FEWER_FEATURES) else []
+    fewer = name.startswith((*OTHER_SUITES, *FEWER_FEATURES))
+    return [pytest.mark.sweep] if twin or fewer else []
 
 
 NAMES = [

@@ -68,7 +68,7 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
     return total.hexdigest()
 
 
-@pytest.mark.slow(kept=("ekf-NextStep", "odometry-SameStep"))
+@pytest.mark.slow(kept=("ekf-NextStep",))
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("localizer", ["ekf", "odometry"])
 def test_is_the_single_environment_many_times(mode: str, localizer: str, two_threads: None) -> None:
@@ -136,7 +136,7 @@ def test_neither_number_nor_threads_change_a_bit(monkeypatch: pytest.MonkeyPatch
         equal(a, {key: value[:3] for key, value in b.items()})
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_fresh_process_gives_the_same() -> None:
     code = (
         "from tests.envs.test_vector import *\n"

@@ -56,6 +56,8 @@ LOCALIZERS = {
     "perfect": "perfect",
 }
 QUICK = ("sum", "odometry", "perfect")
+# Each has a kernel of its own, made of what drives and the kernels of the others consist of.
+SWEPT = ("bilinear", "rays")
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +88,12 @@ def threads() -> Iterator[None]:
 
 @pytest.mark.parametrize(
     "name",
-    [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LOCALIZERS],
+    [
+        pytest.param(name, marks=pytest.mark.sweep if name in SWEPT else pytest.mark.slow)
+        if name not in QUICK
+        else name
+        for name in LOCALIZERS
+    ],
 )
 def test_runs_do_not_depend_on_their_number_nor_on_the_threads(
     hall: Environment, name: str, threads: None
@@ -135,7 +142,7 @@ def test_weights_are_those_of_the_localizer(hall: Environment, name: str, preset
     )
 
 
-@pytest.mark.slow(kept=("sum-hall", "product-wide_hall", "table-hall", "ekf-wide_hall"))
+@pytest.mark.slow(kept=("sum-hall", "ekf-wide_hall"))
 @pytest.mark.parametrize("place", ["hall", "wide_hall"])
 @pytest.mark.parametrize("name", ["sum", "product", "bilinear", "rays", "table", "ekf"])
 def test_is_as_ordinary_drives_in_distribution(
@@ -206,7 +213,7 @@ def test_exact_odometry_keeps_the_error_of_the_start(empty: Environment) -> None
     assert np.std(runs.error[:, 0, :2]) == pytest.approx(0.05, rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("ekf",))
 @pytest.mark.parametrize("localizer", ["odometry", "ekf"])
 def test_without_echoes_errors_grow_as_dead_reckoning_says(
     empty: Environment, localizer: str

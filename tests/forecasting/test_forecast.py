@@ -133,7 +133,7 @@ def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
     assert share(position_limit=1.2) < lanes < share(position_limit=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("mediocre",))
 @pytest.mark.parametrize("odometry", ["mediocre", "poor"])
 def test_driven_robots_are_lost_by_the_same_limits(demo_map: AmbiguityMap, odometry: str) -> None:
     """Forecasts are near the interval of 64 drives, and wider limits lose fewer."""

@@ -229,7 +229,7 @@ def test_map_with_headings_is_read_at_the_heading() -> None:
     assert back[0, 0] == pytest.approx((1 - 0.81) / 0.225**2, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_thinned_beams_tell_as_much_as_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a scanner of many beams on a map with headings only some are cast."""
     data = dataset(8)

@@ -142,7 +142,7 @@ def test_refuses_what_tells_nothing() -> None:
         StudySettings(scanners=SETTINGS.scanners, odometries=ODOMETRIES, runs=1)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_class_forecasts_other_drives() -> None:
     """A class of drives in eight halls forecasts those in five others, of two odometries."""
     settings = StudySettings(

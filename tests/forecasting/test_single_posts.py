@@ -23,7 +23,7 @@ HALL = environment_from_shapes(
 SCANNER = laser(max_range=3.0, beams=120)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_likelihood_field_loses_more_than_is_forecast_and_the_ray_model_does_not() -> None:
     # The walls along the route are out of range: beside a post nearly all beams have no echo, and
     # a likelihood field learns nothing from these (docs/forecast.md has the figures).

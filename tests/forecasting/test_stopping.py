@@ -36,7 +36,7 @@ def test_events_and_no_events_mirror_each_other() -> None:
     assert (ours.low, ours.high) == pytest.approx((1.0 - theirs.high, 1.0 - theirs.low))
 
 
-@pytest.mark.parametrize("truth", [0.02, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("truth", [0.02, pytest.param(0.3, marks=pytest.mark.sweep)])
 def test_covers_though_looked_at_after_each_run(truth: float) -> None:
     """Of 1000 sequences at most 5 % ever exclude the truth; of ordinary intervals far more do."""
     runs, sequences = 200, 1000

@@ -107,7 +107,7 @@ def test_touching_is_free_whatever_was_rounded(radius: float, width: float, x: f
         assert (np.asarray(env.is_free(poses[:, 0], poses[:, 1], radius)) == free).all()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("corners1",))
 @pytest.mark.parametrize("corners", [BODY, FORK, TRAILER])
 def test_polygon_poses_are_shapelys(corners: list[tuple[float, float]], demo: Environment) -> None:
     for env in (demo, scenes.scene(4, size=20.0)):

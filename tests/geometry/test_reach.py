@@ -300,7 +300,7 @@ def flooded(
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @settings(max_examples=25, deadline=None)
 @given(buildings(), st.data())
 def test_against_a_flood_fill_on_a_fine_lattice(building, data):

@@ -159,7 +159,7 @@ def test_an_empty_export_says_so(tmp_path: Path) -> None:
             assert written(good, kind, name)[0].is_file()
 
 
-@pytest.mark.slow(kept=("3",))
+@pytest.mark.sweep
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("part", range(4))
 def test_outlets_agree_on_all_maps(data_dir: Path, tmp_path: Path, part: int) -> None:

@@ -53,7 +53,7 @@ def test_where_no_wall_is_in_range_only_the_ranges_count(hall_map: an.AmbiguityM
         assert amap.sample(f"beacons{name}", x, y) == pytest.approx(wanted, rel=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.05",))
 @pytest.mark.parametrize("std", [0.05, 0.2])
 def test_simulated_ranges_are_as_good_as_the_bound(hall: an.Environment, std: float) -> None:
     """Least squares with many draws, in three dimensions: it shares no code with the layer."""

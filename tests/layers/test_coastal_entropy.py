@@ -139,7 +139,7 @@ def sampled(
     return float(np.mean(found))
 
 
-@pytest.mark.slow(kept=("corridor-0.1", "edge-0.0"))
+@pytest.mark.slow(kept=("corridor-0.1",))
 @pytest.mark.parametrize("people", [0.0, 0.1])
 @pytest.mark.parametrize(
     ("env", "x", "y", "off"),
@@ -188,7 +188,7 @@ def patches(
     return context, np.array(poses)
 
 
-@pytest.mark.slow(kept=("scanner0-drawn", "scanner1-recorded"))
+@pytest.mark.slow(kept=("scanner0-drawn",))
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
 @pytest.mark.parametrize("scanner", [oracle_cases.laser(24), oracle_cases.sonars()])
 def test_against_brute_force(

@@ -266,7 +266,7 @@ def brute_information(
     return total
 
 
-@pytest.mark.slow(kept=("scanner0-drawn", "scanner1-recorded"))
+@pytest.mark.slow(kept=("scanner1-recorded",))
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
 @pytest.mark.parametrize("scanner", [oracle_cases.laser(), oracle_cases.sonars()])
 def test_against_brute_force(

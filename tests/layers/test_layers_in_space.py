@@ -97,6 +97,7 @@ def test_a_3d_scanner_knows_its_place_by_what_hangs_above_it(layer: str) -> None
     assert with_racks < 0.3 * bare and bare > 0.2
 
 
+@pytest.mark.sweep
 def test_expected_ranges_on_voxels_are_near_the_true_ones() -> None:
     """In a furnished room, along rays anywhere: what a ray grazes alone is blurred by more."""
     env, _ = furnished()
@@ -151,6 +152,7 @@ def test_forecasts_in_a_mesh_are_those_of_prisms(layer: str) -> None:
     assert near.mean() > 0.95
 
 
+@pytest.mark.sweep
 def test_sonars_in_space_have_a_perturbation() -> None:
     """As in the plan, but for rays between those of its fan."""
     plan = scenes.room(4.0, 3.0)

@@ -117,6 +117,7 @@ def test_map_command(folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_audit_command(folder: Path) -> None:
     arguments = ["audit", *ARGUMENTS, "-s", "laser.yaml", "-o", "out", "--layers", "fisher"]
     for _ in range(2):  # a report is replaced by the next

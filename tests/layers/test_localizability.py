@@ -362,7 +362,7 @@ def brute_radius(
     return math.sqrt(values[-1]), max(float(np.linalg.det(matrix)), 0.0)
 
 
-@pytest.mark.slow(kept=("scanner0-drawn", "scanner1-recorded"))
+@pytest.mark.slow(kept=("scanner1-recorded",))
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
 @pytest.mark.parametrize("scanner", [oracle_cases.laser(24), oracle_cases.sonars()])
 def test_against_brute_force(

@@ -108,7 +108,7 @@ def matched(context: LayerContext, pose: Floats, offset: Floats, size: float) ->
     return np.asarray((at - pose)[:2])
 
 
-@pytest.mark.slow(kept=("drawn-ring", "recorded-fan"))
+@pytest.mark.slow(kept=("drawn-ring",))
 @pytest.mark.parametrize("scanner", [AROUND, FAN, RING], ids=lambda one: one.name)
 def test_perturbation(building: Environment, scanner: RangeScanner) -> None:
     context = context_of(building, scanner)

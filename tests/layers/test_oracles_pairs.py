@@ -132,7 +132,7 @@ def test_aliasing(building: Environment, scanner: RangeScanner, least: float) ->
     assert 0.005 < np.mean(share[others]) < 0.98
 
 
-@pytest.mark.slow(kept=("drawn-around", "drawn-fan"))
+@pytest.mark.slow(kept=("drawn-fan",))
 @pytest.mark.parametrize("scanner", [around(4.0), fan(4.0)], ids=["around", "fan"])
 def test_position(building: Environment, scanner: RangeScanner) -> None:
     """Every pose of a fine lattice and heading is scanned as it stands: no cell, no derivative."""

@@ -83,7 +83,7 @@ def test_outside_the_free_space_nothing_fits() -> None:
     assert math.isfinite(particles[1, 3])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("laser", "sonar"))
 @scanners
 def test_a_table_holds_the_ranges_of_its_points_and_directions(scanner: RangeScanner) -> None:
     env = scenes.scene(3, size=15.0)

@@ -69,7 +69,7 @@ def share_in_second(model: str, *, heard: bool, truth: float, **given: object) -
     return float(weights[poses[:, 0] > 0.5 * APART + 2.0].sum() / weights.sum())
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_table_of_ranges_knows_reflectors() -> None:
     """Nearly as rays do; so does the default of a robot with sonars beside its laser."""
     env, rng = twins(), np.random.default_rng(3)

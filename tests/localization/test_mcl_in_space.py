@@ -73,6 +73,7 @@ def test_ends_of_beams_lie_below_and_above_the_plan() -> None:
     assert np.allclose(length, np.cos(LIDAR.upright[model.beam, 1]))
 
 
+@pytest.mark.slow(kept=("False",))
 @pytest.mark.parametrize("in_mesh", [False, True])
 def test_a_table_holds_what_a_scanner_reads_at_its_points(in_mesh: bool) -> None:
     env = furnished()[in_mesh]
@@ -91,6 +92,7 @@ def test_a_table_holds_what_a_scanner_reads_at_its_points(in_mesh: bool) -> None
         assert np.allclose(ranges[:lasers], expected[:lasers], atol=1e-4, equal_nan=True)
 
 
+@pytest.mark.sweep
 def test_reflectors_are_surfaces_of_the_building() -> None:
     plan = worlds.box(6.0, 4.0)
     kind = np.array([REFLECTOR, 0, 0, 0], dtype=np.uint8)

@@ -277,7 +277,7 @@ def study(spoilt: str, model: str, power: float) -> list[tuple[np.ndarray, float
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("aged",))
 @pytest.mark.parametrize("spoilt", ["people", "aged"])
 def test_a_sure_filter_errs_less_where_the_map_is_wrong(spoilt: str) -> None:
     (off, off_nees), (on, on_nees) = study(spoilt, "likelihood_field_prob", 1.0)
@@ -288,7 +288,7 @@ def test_a_sure_filter_errs_less_where_the_map_is_wrong(spoilt: str) -> None:
     assert on_nees < 4.0 and on_nees < 0.5 * off_nees
 
 
-@pytest.mark.slow(kept=("model0-clean", "model1-aged", "model2-people"))
+@pytest.mark.slow(kept=("model0-clean", "model1-aged"))
 @pytest.mark.parametrize("spoilt", crowds.SPOILT)
 @pytest.mark.parametrize(
     "model", [("likelihood_field", 0.1), ("likelihood_field_prob", 0.1), ("beam", 0.1)]

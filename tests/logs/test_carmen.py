@@ -259,7 +259,14 @@ REAL = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "intel-corrected",
+        "infinite-corridor-corrected",
+        "mrpt_uwb_hall_gt",
+        "belgioioso-corrected",
+    )
+)
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs(data_dir, name):
     scans, beams, top, lost, median, path, extent, timed = REAL[name]

@@ -122,7 +122,7 @@ def test_random_edits(case: str, seed: int) -> None:
     assert_same(updated.update(env), amap)
 
 
-@pytest.mark.slow(kept=("headings", "off the centre", "intensity", "sonar and laser"))
+@pytest.mark.slow(kept=("headings", "off the centre", "intensity"))
 @pytest.mark.parametrize("case", CASES)
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 10**6))
@@ -134,10 +134,8 @@ def test_many_random_edits(case: str, seed: int) -> None:
 
 
 @pytest.mark.slow(
-    kept=(
-        "around-maps/nav2_depot", "off the centre-maps/aws_small_house", "sonar-maps_from_logs/aces"
-    )
-)  # fmt: skip
+    kept=("around-maps/nav2_depot", "off the centre-maps/aws_small_house", "sonar-maps/nav2_depot")
+)
 @pytest.mark.parametrize("name", ["maps_from_logs/aces", "maps/nav2_depot", "maps/aws_small_house"])
 @pytest.mark.parametrize("case", ["around", "off the centre", "sonar"])
 def test_recorded_maps(name: str, case: str, data_dir: Path) -> None:

@@ -63,7 +63,7 @@ def test_known_spaces_taken_for_unknown_ones_cost_the_same(
     assert unknown.symmetric == known.symmetric
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.5",))
 @pytest.mark.parametrize("radius", [0.5, 1.0])
 def test_short_motions_with_cusps_cost_the_same(demo: AmbiguityService, radius: float) -> None:
     """Of Reeds-Shepp curves, where OMPL drives ours, and there is not a second one as long."""

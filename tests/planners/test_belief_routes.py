@@ -37,7 +37,7 @@ def service() -> AmbiguityService:
     return AmbiguityService(AmbiguityMap(data), weight=20.0)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_limit_on_bad_metres_in_a_row_is_kept(service: AmbiguityService) -> None:
     # The hall's middle, 6 m across, is open; its rim is corridor, its corners are localizable.
     free = RoutePlanner(service).plan(START, GOAL, planner_name="reference", weight=0.0)

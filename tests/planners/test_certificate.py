@@ -112,7 +112,7 @@ def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
             assert (np.array(slope) <= np.array(cost) + 1e-5).all()
 
 
-@pytest.mark.slow(kept=("demo_map-r2", "heading_map-se2"))
+@pytest.mark.slow(kept=("heading_map-se2",))
 @pytest.mark.parametrize("space", ["r2", "se2"])
 @pytest.mark.parametrize("which", ["demo_map", "heading_map"])
 def test_no_motion_costs_less_than_the_bound(

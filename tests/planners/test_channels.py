@@ -38,7 +38,7 @@ def slot(middle: float, room: float, lean: float, thick: float) -> shapely.Geome
     return shapely.box(0, 0, 8, 5).difference(wall.difference(gap))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     middle=st.floats(1.0, 4.0),

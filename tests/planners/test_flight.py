@@ -159,7 +159,7 @@ def by_length(volume: AmbiguityVolume) -> FlightPlanner:
     return FlightPlanner(VolumeService(volume, weight=0.0), room(), RADIUS)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_bound_of_the_way_over_the_fence(by_length: FlightPlanner) -> None:
     # Tangents, arcs and the piece between at the robot's radius; slanted, it is unrolled.
     rise = FENCE[2] - START[2]
@@ -182,7 +182,7 @@ def test_the_bound_of_the_way_over_the_fence(by_length: FlightPlanner) -> None:
     assert 0.0 < bound < shortest
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
     robot: FlightPlanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,7 +227,7 @@ def test_no_motion_costs_less_than_the_bound(robot: FlightPlanner) -> None:
         assert 0.3 * cost < bound <= cost
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.5",))
 @pytest.mark.parametrize("half", [None, 0.06, 0.5])
 def test_a_proof_on_few_cells_proves_less_and_nothing_wrong(
     robot: FlightPlanner, half: float | None, monkeypatch: pytest.MonkeyPatch

@@ -17,7 +17,7 @@ START, GOAL = (3.0, 3.0), (42.0, 20.0)
 SLACK = 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("prmstar",))
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_more_weight_is_longer_and_less_exposed(robot: RoutePlanner, name: str) -> None:
     front = pareto(robot, START, GOAL, planner_name=name, iterations=2000, seconds=math.inf, seed=1)
@@ -49,7 +49,7 @@ def test_a_front_has_the_routes_that_plan_finds(robot: RoutePlanner) -> None:
     assert front.points[1].route.curve[-1][1] == pytest.approx(alone.cost)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_other_planners_plan_anew_for_every_weight(robot: RoutePlanner) -> None:
     front = pareto(
         robot, START, (12.0, 6.0), weights=(0.0, 5.0), planner_name="bitstar",
@@ -74,7 +74,7 @@ def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
         assert one.route.seed == 3
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_limit_holds_for_the_whole_front(demo: AmbiguityService) -> None:
     before, behind = (7.9, 20.7), (22.3, 20.7)
     robot = RoutePlanner(demo, max_bad_metres=6.0)

@@ -148,7 +148,7 @@ def test_ends_are_joined_to_what_they_see(room: RoutePlanner, lattice: LatticeGr
     assert len(lattice.graph.poses) == cells  # as it was
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("headings", "polygon"))
 @pytest.mark.parametrize("kind", ["plain", "headings", "walls and no-go", "polygon"])
 def test_every_free_motion_of_the_lattice_is_there(
     demo_map: AmbiguityMap, heading_map: AmbiguityMap, kind: str
@@ -183,7 +183,7 @@ def test_every_free_motion_of_the_lattice_is_there(
     np.testing.assert_array_equal(got, np.sort(a * len(poses) + b))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("headings",))
 @pytest.mark.parametrize("kind", ["plain", "headings"])
 def test_a_corridor_has_the_paths_of_the_lattice(
     demo_map: AmbiguityMap, heading_map: AmbiguityMap, kind: str

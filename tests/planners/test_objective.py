@@ -246,7 +246,7 @@ def test_a_heading_of_many_turns_costs_as_one(heading_map: AmbiguityMap) -> None
     assert math.isfinite(objective.motionCost(*ends).value())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("1.0",))
 @pytest.mark.parametrize("radius", [1.0, 2.0])
 def test_a_free_reeds_shepp_motion_is_free_as_ompl_drives_it(
     demo: AmbiguityService, radius: float

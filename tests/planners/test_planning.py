@@ -133,7 +133,7 @@ def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> Non
     assert route.covariances.shape == (len(route.poses), 3, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("reference", "prmstar"))
 @pytest.mark.parametrize("name", ["prmstar", "bitstar", "reference"])
 def test_without_weight_the_way_is_the_shortest(
     robot: RoutePlanner, shortest: Route, name: str
@@ -160,7 +160,7 @@ def test_improving_never_raises_the_cost(robot: RoutePlanner) -> None:
     check(robot, better, START, GOAL)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("reference", "prmstar"))
 @pytest.mark.parametrize("name", ["reference", "prmstar", "rrtstar"])
 def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name: str) -> None:
     zones: list[dict[str, float]] = []
@@ -175,7 +175,7 @@ def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name
         robot.plan(BEFORE_HALL, (15.0, 20.7))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("prmstar",))
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_the_limit_on_bad_metres_in_a_row_is_kept(demo: AmbiguityService, name: str) -> None:
     costs = []
@@ -208,7 +208,7 @@ def test_a_price_on_walls_keeps_away_from_them(demo_map: AmbiguityMap) -> None:
     assert away[1] > 1.4 * away[0]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: AmbiguityMap) -> None:
     robot = RoutePlanner(heading_map)
     for name in ("rrtstar", "informed-rrtstar", "sorrtstar", "fmt", "bfmt"):
@@ -266,7 +266,7 @@ def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
     assert all(walls.free.buffer(1e-6).covers(shape) for shape in placed)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("dubins-prmstar", "reeds-shepp-fmt", "dubins-bitstar"))
 @pytest.mark.parametrize(
     ("space", "name"),
     [("dubins", "prmstar"), ("dubins", "bitstar"), ("reeds-shepp", "prmstar"),

@@ -42,7 +42,7 @@ def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -
     assert easy.route.length == pytest.approx(shortest.length, abs=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_metres_that_the_cost_adds_count_as_length(robot: RoutePlanner) -> None:
     amap = robot.service.map
     service = AmbiguityService(amap, weight=0.0, clearance_weight=5.0, comfort=1.0)

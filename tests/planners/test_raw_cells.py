@@ -97,7 +97,7 @@ def pair(robot: RoutePlanner, seed: int, reach: float) -> list[NDArray[Any]]:
 
 
 @pytest.mark.parametrize(
-    "step", [pytest.param(16, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.sweep)]
+    "step", [pytest.param(32, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.sweep)]
 )
 def test_on_every_map(data_dir: Path, step: int) -> None:
     names = sorted(planners())

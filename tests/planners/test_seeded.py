@@ -134,7 +134,7 @@ def seeded_here(monkeypatch: pytest.MonkeyPatch) -> None:
         call_seeded(7, os.getpid)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.usefixtures("seeded_here")
 def test_planners_may_print(capfd: pytest.CaptureFixture[str]) -> None:
     value = list(range(1000))
@@ -149,14 +149,14 @@ def test_planners_may_print(capfd: pytest.CaptureFixture[str]) -> None:
     assert capfd.readouterr() == ("", "no\n")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.usefixtures("seeded_here")
 def test_a_flood_of_output_does_not_stop_it(capfd: pytest.CaptureFixture[str]) -> None:
     assert call_seeded(8, noisy_planners.floods) == noisy_planners.FLOOD
     assert len(capfd.readouterr().err) == 2 * noisy_planners.FLOOD
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.usefixtures("seeded_here")
 def test_a_process_that_dies_is_reported_at_once() -> None:
     begun = time.monotonic()
@@ -171,7 +171,7 @@ def test_a_process_that_dies_is_reported_at_once() -> None:
         call_seeded(8, noisy_planners.gives_what_cannot_be_sent)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.usefixtures("seeded_here")
 def test_nothing_is_read_from_standard_input() -> None:
     assert call_seeded(8, noisy_planners.asks) == ""
@@ -229,7 +229,7 @@ def test_a_plug_in_that_prints_plans_with_a_seed(
     assert first == second
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_seed_0_is_one_that_ompl_takes() -> None:
     code = (
         "from ambinav_planners.seeded import _take_seed; from ompl import util; "

@@ -89,7 +89,7 @@ def test_public_names_say_what_to_install(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_ompl_is_not_imported_unless_a_planner_of_it_is_used(plan_folder: Path) -> None:
     arguments = ("plan", "map.zarr", *ENDS, "-p", "reference", "-o", "r.csv")
     code = (

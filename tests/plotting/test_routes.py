@@ -239,7 +239,7 @@ def test_where_no_cell_fits_all_is_drawn_as_no_room(amap):
     assert texts(figure)[0].startswith("no room for the robot")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_no_global_drawing_state():
     code = (
         "import sys, ambinav.plotting.routes, ambinav.plotting.components; "

@@ -35,6 +35,7 @@ def figures(poses, noise=0.0, max_range=4.0, free=None):
     return found, env, scanner
 
 
+@pytest.mark.slow(kept=("pose1",))
 @pytest.mark.parametrize("pose", [(6.0, 1.0, 0.0), (6.0, 1.1, 1.2), (20.5, 1.0, 0.2)])
 def test_scan_and_map_say_the_same(pose):
     found, env, scanner = figures(np.array([pose]))

@@ -43,7 +43,7 @@ UNDIMMED = """() => [...document.querySelectorAll("figure img")].filter((picture
 """Script that counts the pictures that the dark does not dim."""
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("diff", "for", "compare"))
 @pytest.mark.usefixtures("coarse_pictures")
 @pytest.mark.parametrize("study", COMMANDS)
 def test_nothing_is_wider_than_the_screen(

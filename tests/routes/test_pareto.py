@@ -145,7 +145,7 @@ def test_picture_tells_corridor_and_open_zones_apart():
     assert "longest stretch" in [text.get_text() for text in legend.get_texts()]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("2.0",))
 @pytest.mark.parametrize("bend", [0.5, 2.0, 8.0])
 def test_labels_overlap_nothing(bend):
     weights = [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0]

@@ -173,7 +173,7 @@ def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path, run: Run) -> N
     assert len(list(tmp_path.rglob("caller.outer*.nbc"))) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_edit_of_circles_reaches_the_length_of_motions(tmp_path: Path) -> None:
     """In a fresh copy of the package, as a pull in an editable checkout does it."""
     shutil.copytree(ROOT / "ambinav", tmp_path / "ambinav", ignore=shutil.ignore_patterns("*.nb?"))

@@ -142,7 +142,7 @@ def test_what_is_no_source_does_not_count(copy: Copy) -> None:
             (package / name).unlink(missing_ok=True)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_comparison_is_made_again_by_other_code(copy: Copy, tmp_path: Path) -> None:
     scenario = write(tmp_path, {**SCENARIO, "drive": {"runs": 2, "open_loop": True}})
 

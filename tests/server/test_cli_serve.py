@@ -81,7 +81,7 @@ def audited(url: str, folder: Path) -> Iterator[httpx.Response]:
         yield stream
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_who_follows_an_audit_is_told_when_the_server_ends(
     plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,7 +97,7 @@ def test_who_follows_an_audit_is_told_when_the_server_ends(
     assert not list(tmp_path.glob("ambinav-serve-*"))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_a_killed_server_leaves_is_removed_at_the_next_start(
     plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -98,7 +98,7 @@ def test_a_planner_finds_the_same_routes_with_either(
         np.testing.assert_array_equal(one.route.poses, other.route.poses)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_ompl_planner_takes_it_too(client: an.Client) -> None:
     pytest.importorskip("ompl")
     route = RoutePlanner(client).plan(

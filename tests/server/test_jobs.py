@@ -70,7 +70,7 @@ def test_a_plan_that_cannot_be_is_a_problem(live: Live, body: Any, message: str)
     assert message in answer.json()["detail"]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_closing_the_connection_ends_the_plan_and_frees_its_worker(
     serve: Any, plan_map: Path
 ) -> None:

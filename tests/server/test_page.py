@@ -173,7 +173,7 @@ def test_places_fly_and_hold_the_point(page, live):
     page.wait_for_selector(".readout.resting")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_another_map_takes_the_place_of_the_first(chromium, live):
     opened = visit(chromium, f"{live.url}/?map=narrow-room")
     choice = opened.get_by_label("Map", exact=True)
@@ -253,7 +253,7 @@ def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
     assert dots.first.get_attribute("aria-pressed") == "true"
 
 
-@pytest.mark.slow(kept=("1280", "390"))
+@pytest.mark.slow(kept=("390",))
 @pytest.mark.parametrize("width", [1280, 768, 390])
 def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
     pytest.importorskip("ambinav_planners.registry")
@@ -338,7 +338,7 @@ def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
     assert "goal" in page.locator(".message.error").inner_text()
 
 
-@pytest.mark.slow(kept=("light-1280", "dark-390"))
+@pytest.mark.slow(kept=("dark-390",))
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(chromium, live, width, scheme):

@@ -25,6 +25,7 @@ def page(chromium: Any, live: Any) -> Iterator[Any]:
     opened.context.close()
 
 
+@pytest.mark.sweep
 def test_an_undo_during_a_drag_loses_no_step(page: Any) -> None:
     first, second, end = at(page, 3.0, 1.6), at(page, 7.0, 1.6), at(page, 3.0, 2.0)
     tool(page, "Post")
@@ -44,6 +45,7 @@ def test_an_undo_during_a_drag_loses_no_step(page: Any) -> None:
     shown(page, 1)
 
 
+@pytest.mark.sweep
 def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> None:
     """Both weights are in the list of the last version, whichever was planned meanwhile."""
     pytest.importorskip("ambinav_planners.registry")
@@ -75,6 +77,7 @@ def test_routes_are_planned_again_though_an_edit_comes_between(page: Any) -> Non
     assert "Shortest" in texts[0] and "Weight 5" in texts[1]
 
 
+@pytest.mark.sweep
 def test_a_map_that_is_chosen_again_has_its_obstacles(page: Any) -> None:
     """And so have others who share the session."""
     first, second = at(page, 3.0, 1.6), at(page, 7.0, 1.6)
@@ -95,6 +98,7 @@ def test_a_map_that_is_chosen_again_has_its_obstacles(page: Any) -> None:
     shown(page, 2)
 
 
+@pytest.mark.sweep
 def test_the_form_asks_for_a_wall_with_a_length_after_a_post(page: Any) -> None:
     place = at(page, 3.0, 1.6)
     tool(page, "Post")
@@ -112,6 +116,7 @@ def test_a_heading_of_the_address_is_that_of_the_controls(chromium: Any, live: A
     page.context.close()
 
 
+@pytest.mark.sweep
 def test_beside_the_map_nothing_is_asked(page: Any) -> None:
     problems: list[str] = []
     page.on("pageerror", lambda problem: problems.append(str(problem)))

@@ -193,6 +193,7 @@ def test_files_are_saved_and_opened(page: Any, tmp_path: Path) -> None:
     page.locator("#panel-edit .message.error").wait_for()
 
 
+@pytest.mark.sweep
 def test_a_map_that_was_forgotten_comes_back(page: Any, live: Any) -> None:
     page.get_by_label("Kind of obstacle").select_option(label="Post")
     number(page, "x").fill("7.5")
@@ -209,6 +210,7 @@ def test_a_map_that_was_forgotten_comes_back(page: Any, live: Any) -> None:
     assert id in [one.name for one in live.context.maps.edited]
 
 
+@pytest.mark.sweep
 def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
     number(page, "x").fill("7.5")
     number(page, "y").fill("1.7")
@@ -224,7 +226,7 @@ def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
     assert page.faults == []
 
 
-@pytest.mark.slow(kept=("light-1280", "dark-390"))
+@pytest.mark.slow(kept=("light-1280",))
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(chromium: Any, live: Any, width: int, scheme: str) -> None:
@@ -245,6 +247,7 @@ def entries(page: Any) -> list[str]:
     return [str(text) for text in page.locator(".obstacle-entry").all_inner_texts()]
 
 
+@pytest.mark.sweep
 def test_an_obstacle_is_dragged_by_itself_and_all_is_undone_by_the_keyboard(page: Any) -> None:
     middle = at(page, 7.0, 1.7)
     one_metre = at(page, 8.0, 1.7)[0] - middle[0]
@@ -282,6 +285,7 @@ def test_an_obstacle_is_dragged_by_itself_and_all_is_undone_by_the_keyboard(page
     assert page.faults == []
 
 
+@pytest.mark.sweep
 def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
     chromium: Any, plan_map: Path, tmp_path: Path
 ) -> None:
@@ -318,6 +322,7 @@ def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
             each.context.close()
 
 
+@pytest.mark.sweep
 def test_two_people_edit_one_session(chromium: Any, plan_map: Path) -> None:
     with running(create_app([plan_map])) as live:
         pages = [visit(chromium, f"{live.url}/?map=map&session=shared") for _ in range(2)]
@@ -359,6 +364,7 @@ def test_two_people_edit_one_session(chromium: Any, plan_map: Path) -> None:
             page.context.close()
 
 
+@pytest.mark.sweep
 def test_who_may_only_read_sees_the_edits_of_a_session(chromium: Any, plan_map: Path) -> None:
     with running(create_app([plan_map], access=Access("write", "read"))) as live:
         place = f"{live.url}/?map=map&session=shared"

@@ -122,7 +122,7 @@ def test_a_request_is_one_line_of_json(live: Live, caplog: pytest.LogCaptureFixt
     assert first["bytes"] > 10 and first["ms"] > 0.0 and first["time"].endswith("+00:00")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
     with started(str(plan_map), "--port", "0", "--check") as (process, _):
         assert process.stdout is not None
@@ -130,7 +130,7 @@ def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
         assert process.wait(30) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_check_fails_where_no_process_for_plans_starts(plan_map: Path, tmp_path: Path) -> None:
     script = tmp_path / "unguarded.py"  # each process that it starts runs it again, and ends
     script.write_text("from ambinav.cli import app\napp()\n")
@@ -143,7 +143,7 @@ def test_a_check_fails_where_no_process_for_plans_starts(plan_map: Path, tmp_pat
     assert ended.stderr.endswith("the server is not fully prepared; its log above says why.\n")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_log_of_a_server_is_json(plan_map: Path) -> None:
     with started(str(plan_map), "--port", "0", "--log") as (process, url):
         assert httpx.get(f"{url}/v1/maps", timeout=60).status_code == 200

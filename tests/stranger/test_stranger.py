@@ -281,7 +281,7 @@ def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
         assert own or group["kind"] == "sensor model"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_broken_plug_in_is_listed_with_its_error(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
@@ -394,7 +394,7 @@ def test_what_fails_within_a_plug_in_is_named(folder: Path, user: User, amap: Pa
             assert f"{name}{' '.join(rest.split())}" in pages, case
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_broken_plug_in_is_named(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"

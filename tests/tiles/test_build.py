@@ -223,7 +223,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow(kept=("9",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_build_goes_on(undisturbed: Path, tmp_path: Path, number: signal.Signals) -> None:
     records = tmp_path / "a.zarr.part" / "map" / "tiles" / "record" / "c"
@@ -355,7 +355,7 @@ def test_a_scheduler_that_does_not_answer_is_said(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow(minutes=0.3)
+@pytest.mark.sweep
 @pytest.mark.usefixtures("dask_forks")
 @pytest.mark.filterwarnings("default")
 def test_on_a_cluster_whose_workers_are_killed(reference: Path, tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_tiles_of_any_building_are_its_map(tile: float, case: str, seed: int) ->
     assert_tiles(amap, plan(env, tile, case, 0.4), np.random.default_rng(seed))
 
 
-@pytest.mark.slow(minutes=0.1)
+@pytest.mark.sweep
 @settings(max_examples=6)
 @given(tile=st.floats(1.0, 20.0), case=st.sampled_from(sorted(CASES)), seed=st.integers(0, 99))
 def test_tiles_of_a_recorded_building_are_its_map(

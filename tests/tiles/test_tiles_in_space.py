@@ -132,7 +132,7 @@ def test_tiles_of_a_mesh_are_its_map(case: str) -> None:
     assert_tiles(in_one_piece(env, case, 0.4), made, np.random.default_rng(3))
 
 
-@pytest.mark.slow(kept=("0-prisms", "2-mesh"))
+@pytest.mark.slow(kept=("0-prisms",))
 @pytest.mark.parametrize("which", [0, 1], ids=["prisms", "mesh"])
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_finished_store_is_the_map(which: int, workers: int, tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_finished_store_is_the_map(which: int, workers: int, tmp_path: Path) -
     assert found.dataset.attrs["environment_space"] == env.space.checksum
 
 
-@pytest.mark.slow(kept=("layers-6.0",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(("case", "tile"), [("layers", 6.0), ("cones", 9.1), ("layers", 13.0)])
 def test_tiles_of_a_real_office_are_its_map(case: str, tile: float, data_dir: Path) -> None:
     env = an.load_environment(data_dir / "plans" / "institute.ifc", level=1, in_space=True)

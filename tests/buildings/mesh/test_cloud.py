@@ -354,7 +354,7 @@ def test_a_missing_package_is_named(
         read_cloud(path)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) -> None:
     folder = data_dir / "mesh3d"
     centres = read_cloud(folder / "geb079_occupied_voxels.ply", voxel=0.08)
@@ -425,7 +425,7 @@ def test_a_field_of_a_pcd_may_hold_nothing(tmp_path: Path) -> None:
     assert same(read_cloud(path, up="z"), read_cloud(plain, up="z"))
 
 
-@pytest.mark.slow(kept=("3.0-axis1",))
+@pytest.mark.sweep
 @pytest.mark.parametrize(("degrees", "axis"), [(0.5, (0.6, -0.8)), (3.0, (1.0, 0.0))])
 def test_a_tilted_cloud_is_levelled(
     tmp_path: Path, degrees: float, axis: tuple[float, float]

@@ -70,7 +70,7 @@ def test_strays_below_the_floor_change_nothing() -> None:
     assert find_floor(boxes(*room, *lower_room)) == pytest.approx(-4.0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("aws_small_house_collision",))
 @pytest.mark.parametrize("name", ["aws_small_house_collision", "turtlebot3_house_collision"])
 def test_recorded_houses_that_are_tilted(data_dir: Path, tmp_path: Path, name: str) -> None:
     mesh = read_mesh(data_dir / "mesh3d" / f"{name}.ply")

@@ -115,7 +115,7 @@ def test_the_target_is_turned(side: float) -> None:
     assert np.sign(action[1]) == side
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("correction1",))
 @pytest.mark.parametrize("correction", [(1.0, 1.0), (-1.0, 0.0), (0.4, -0.3)])
 def test_whatever_the_correction_it_stops_before_walls(correction: tuple[float, float]) -> None:
     found = episodes(corrected(Always(*correction)), 12, obstacles=8, localizer="perfect")

@@ -57,7 +57,7 @@ def test_they_arrive_among_boxes_without_a_collision(name: str) -> None:
     assert found.ended(ARRIVED).mean() >= 0.75
 
 
-@pytest.mark.slow(kept=("vfh-hc-sr04", "dwa-sick-tim571"))
+@pytest.mark.slow(kept=("vfh-hc-sr04",))
 @pytest.mark.parametrize("scanner", ["rplidar-a1", "sick-tim571", "polaroid-6500-ring", "hc-sr04"])
 @pytest.mark.parametrize("name", ["vfh", "dwa"])
 def test_any_scanner_will_do(name: str, scanner: str) -> None:

@@ -119,7 +119,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("sac", "recurrent"))
 @pytest.mark.parametrize(
     "other", [{}, SAC, RECURRENT, CORRECTED], ids=["ppo", "sac", "recurrent", "corrected"]
 )
@@ -149,7 +149,7 @@ def test_resumed_is_as_if_never_interrupted(
     assert len(json.loads((broken / "run.json").read_text())["sessions"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         train(tiny(), tmp_path / "out", callback=interrupted_at(0))
@@ -178,7 +178,7 @@ def test_an_interrupt_waits_for_what_torch_writes(
     envs.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -> None:
     train(tiny(), tmp_path / "again")
     with (
@@ -271,7 +271,7 @@ def test_what_is_finished_is_finished_again_with_the_same_bytes(
         assert (again / name).read_bytes() == (whole / name).read_bytes(), name
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("TwinRooms1-v2",))
 @pytest.mark.parametrize("name", ["Kidnapped-v1", "UnknownStart-v1", "TwinRooms1-v2"])
 def test_tasks_can_be_trained(tmp_path: Path, name: str) -> None:
     environment = {"id": f"ambinav/{name}", "buildings": 1}

@@ -65,6 +65,7 @@ def test_it_opens_from_a_file_and_asks_for_nothing(page, report):
     assert above[0] < above[1] < page.locator("#explorer").bounding_box()["y"]
 
 
+@pytest.mark.sweep
 def test_a_place_of_the_table_is_shown_with_its_values(page, examined):
     for finding in examined.findings[:2]:
         place = finding.place
@@ -85,6 +86,7 @@ def test_layers_switch(page):
     assert "badly localized" in page.locator(".legend").inner_text()
 
 
+@pytest.mark.slow(kept=("place1",))
 @pytest.mark.parametrize("place", [(2.0, 2.5, 0.3), (9.3, 2.0, 1.0), (20.0, 5.0, -2.0)])
 def test_the_scan_is_that_of_the_audit(page, building, laser, sonar, place):
     page.context.close()
@@ -124,7 +126,7 @@ def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.slow(kept=("light-1280", "dark-390"))
+@pytest.mark.slow(kept=("dark-390",))
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_too_wide(chromium, report, width, scheme):

@@ -116,7 +116,7 @@ def test_the_html_shows_the_routes_of_each_pair(done: Path, chromium: Any) -> No
     context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_two_processes_find_the_same(done: Path, tmp_path: Path) -> None:
     found = compare(done.parent / "flat.yaml", tmp_path / "two", "--jobs", "2", "--json")
     assert found.exit_code == 0, found.output
@@ -138,7 +138,7 @@ def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None
     assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
     """Whatever was done when it was killed, the same command gives the same tables."""
     out = tmp_path / "out"

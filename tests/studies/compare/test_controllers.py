@@ -82,7 +82,7 @@ def test_a_policy_drives_beside_a_route(scenario: dict[str, Any], folder: Path) 
     assert np.abs(places[[0, -1]] - [[1, 1], [7, 2]]).max() < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_reactive_baselines_drive_beside_a_route(scenario: dict[str, Any], folder: Path) -> None:
     drivers = [{"kind": "policy", "policy": name} for name in ("vfh", "dwa-aware")]
     scenario |= {"routes": ["shortest", *drivers], "localizer": "ekf"}

@@ -70,7 +70,7 @@ def test_an_extruded_plan_is_compared_as_the_plan_is(scenario: Plain, tmp_path: 
     assert np.allclose(flat, solid, rtol=1e-4, atol=1e-4, equal_nan=True)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_3d_scanner_is_compared(scenario: Plain, tmp_path: Path) -> None:
     scenario |= {"scanner": scanner({"sensor": SENSOR, "layers": LAYERS})}
     scenario |= {"space": {"extrude": 2.5}, "drive": {"runs": 2}, "exports": {"runs": 1}}

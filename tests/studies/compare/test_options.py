@@ -127,7 +127,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         make_worlds(load_scenario(write(tmp_path, scenario), trust=True), plans)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     """People, boxes, a filter, a policy and exports in one comparison, closed loop."""
     (tmp_path / "p.py").write_text(POLICY)

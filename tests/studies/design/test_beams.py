@@ -147,7 +147,7 @@ def test_the_best_of_all_subsets_is_the_best_and_greedy_is_no_better() -> None:
         assert objective(sample, greedy) >= value - 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("24",))
 @pytest.mark.parametrize("beams", [24, 8])
 def test_a_looser_loss_takes_no_more_beams(beams: int) -> None:
     full = scanner(beams)

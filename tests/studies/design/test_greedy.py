@@ -48,7 +48,7 @@ def without(helped: Remedy):
     return type(effects)(helped.environment, effects.setting, effects.places)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_every_post_takes_bad_floor_away(helped: Remedy) -> None:
     placement = helped.placement
     assert len(placement.placed) == 3

@@ -63,6 +63,7 @@ def test_no_move_on_a_fine_grid_gains(hall: Remedy) -> None:
     assert hall.placement.exchanged >= 1
 
 
+@pytest.mark.sweep
 def test_moves_only_ever_gain(hall: Remedy) -> None:
     effects, found = bare(hall), positions(hall)
     every, step = found.spread()

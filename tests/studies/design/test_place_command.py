@@ -104,7 +104,7 @@ def test_json_is_the_report_alone(folder) -> None:
     assert one.direction_deg is not None
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
     (folder / "lane.wkt").write_text("POLYGON ((0 2, 8 2, 8 4, 0 4, 0 2))")
     asked = ("--posts", "2", "--candidates", "6", "--keep-out", "lane.wkt", "--aged", "2")

@@ -52,7 +52,7 @@ def placed(
     return place_obstacles(env, scanner, amap, rules, 2, find_reach(env, 0.2))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_as_high_as_the_building_they_are_those_of_the_plan() -> None:
     """Of a level scanner; in prisms and in a mesh of the same hall."""
     plan, prisms, mesh = (placed(env) for env in (hall(), tall(), meshed()))
@@ -61,7 +61,7 @@ def test_as_high_as_the_building_they_are_those_of_the_plan() -> None:
         assert study.placement.after.bad == pytest.approx(plan.placement.after.bad, abs=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("tall",))
 @pytest.mark.parametrize("made", [tall, meshed])
 def test_what_is_promised_is_what_a_whole_map_has(made) -> None:
     env = made()
@@ -108,7 +108,7 @@ def test_a_mesh_cannot_be_aged() -> None:
         place_obstacles(env, LASER, amap, POSTS, 2, find_reach(env, 0.2), rng=rng, aged=3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("meshed",))
 @pytest.mark.parametrize("made", [tall, meshed])
 def test_a_top_at_the_height_of_the_scanner_helps(made) -> None:
     env = made()
@@ -178,7 +178,7 @@ def test_requirements_are_met_in_space(folder) -> None:
     assert [step["text"] for step in space["steps"]] == [step["text"] for step in plan["steps"]]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_audit_in_space_gives_the_advice_of_the_plan(folder) -> None:
     """Of a level scanner in an extruded hall: the same changes, posts and lost routes."""
     reports = []

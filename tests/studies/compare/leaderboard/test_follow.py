@@ -71,7 +71,7 @@ def test_planners_know_what_the_localizer_knows(monkeypatch: pytest.MonkeyPatch)
         assert robot.belief.start_std == (0.2, 0.1, 0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_routes_are_the_same_again_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

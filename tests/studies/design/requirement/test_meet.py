@@ -170,7 +170,7 @@ def test_what_an_audit_alone_misses_is_said(longer) -> None:
 @pytest.mark.slow
 def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
     bad = []
-    for budget in (0, 39, 40, 80, 100, 120, 130, 170, 210):
+    for budget in (0, 39, 40, 120, 210):
         found = solve(longer, budget=budget)
         assert found.cost <= budget
         bad.append(found.after.state.bad)
@@ -178,7 +178,7 @@ def test_a_larger_budget_never_leaves_more_bad_floor(longer) -> None:
     assert (np.diff(bad) <= 1e-9).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_laxer_requirement_never_costs_more(longer) -> None:
     every = [solve(longer, f"bad < {limit} %", "posts=3,panels=2,scanner") for limit in LIMITS[:4]]
     costs = [found.cost for found in every if found.met]
@@ -186,7 +186,7 @@ def test_a_laxer_requirement_never_costs_more(longer) -> None:
     assert (np.diff(costs) >= 0.0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_ten_times_the_prices_choose_the_same_set(longer) -> None:
     once = solve(longer, "bad < 30 %", "posts=3,panels=2")
     tenfold = solve(longer, "bad < 30 %", "posts=3,panels=2", scale=10.0)
@@ -255,7 +255,7 @@ def test_another_scanner_is_also_tried_in_the_centre() -> None:
     np.testing.assert_allclose(options[-2].scanner.mounts[:, 0], 0.2, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_how_often_mixed_kinds_are_as_cheap_as_the_best_of_all_sets() -> None:
     """In a corridor posts help only in pairs, which greedy does not foresee: 7 of 10."""
     hall, corridor = shapely.box(0, 0, 7, 5), shapely.box(7, 1.5, 17, 3)

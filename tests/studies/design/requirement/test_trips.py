@@ -130,7 +130,7 @@ def test_the_solution_is_forecast_and_driven_as_it_says() -> None:
     assert before.side == "above"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_laxer_requirement_and_a_larger_budget_cost_no_more() -> None:
     costs = [solve(f"lost < {limit} %").cost for limit in (30, 10, 5)]
     assert costs == sorted(costs)
@@ -139,7 +139,7 @@ def test_a_laxer_requirement_and_a_larger_budget_cost_no_more() -> None:
     assert solve("lost < 5 %", budget=0.0).met is False
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_it_is_nearly_as_cheap_as_the_best_of_all_subsets() -> None:
     trips, reach = trips_of(), find_reach(HALL, RADIUS)
     near = np.column_stack([np.linspace(1.5, 14.5, 53), np.full(53, 4.0)])
@@ -161,7 +161,7 @@ def test_it_is_nearly_as_cheap_as_the_best_of_all_subsets() -> None:
         assert solution.cost <= 40.0 * (least + 1)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_drives_that_do_not_confirm_it_are_said() -> None:
     # What posts tell in a bare hall is overrated by the forecast: drives are the judge.
     solution = solve("lost < 2 %")

@@ -53,7 +53,7 @@ def test_settings_are_the_maps_of_their_scanners() -> None:
         assert outcome.figures.worst == pytest.approx(float(np.nanmax(level)), abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("5",))
 @pytest.mark.parametrize("headings", [None, 5])
 def test_zones_are_those_of_the_audit(headings: int | None) -> None:
     """Of scanners that do not look all around, in the mean over headings."""
