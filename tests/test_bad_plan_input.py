@@ -9,7 +9,6 @@ import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.maps.ambiguity_map import AmbiguityMap
 
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
 PLAN = ("plan", "map.zarr", *ENDS)
@@ -208,16 +207,3 @@ def test_a_map_of_a_newer_version_is_refused(runner, plan_folder):
     assert result.exit_code == 2, result.output
     (error,) = result.stderr.splitlines()
     assert "format 1000 (of ambinav 9.9.9)" in error and "install a newer ambinav" in error
-
-
-def test_a_map_that_does_not_keep_its_occupied_cells(runner: CliRunner, plan_folder: Path) -> None:
-    dataset = AmbiguityMap.open(plan_folder / "map.zarr").dataset
-    del dataset.attrs["collision"]
-    dataset.attrs["environment_source"] = "office.yaml"
-    AmbiguityMap(dataset).save(plan_folder / "old.zarr")
-    before = files(plan_folder)
-    result = runner.invoke(app, ["plan", "old.zarr", *ENDS, "-o", "r.csv"])
-    assert result.exit_code == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert "old.zarr: this map was made before occupied cells were kept" in result.stderr
-    assert files(plan_folder) == before

@@ -141,7 +141,7 @@ class MapExport:
             InputError: the map has no such layer; the nearest are offered.
         """
         amap = self.amap
-        if layer == JUDGED:  # maps of older versions do not keep it
+        if layer == JUDGED:
             return np.where(amap.dataset["free"].values, amap.judged.code, np.nan)
         if layer not in amap.layers:
             raise InputError(

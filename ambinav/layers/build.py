@@ -90,25 +90,7 @@ def layered(
         with LAYERS.calling(layer.name):
             added |= layer_variables(layer, context, layer.compute(context, **kwargs), kwargs)
         progress((done + 1) / len(chosen))
-    dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
-    return AmbiguityMap(dataset.assign(added), source=amap.source)
-
-
-def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
-    """Return the layers that an older version left and that would be mistaken for current ones."""
-    leftovers = set()
-    for layer in chosen:
-        ours = f"{layer.name}_"
-        # Layers of other names that begin with this one's, as a user may choose them.
-        stems = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
-        leftovers |= {
-            name
-            for name in amap.layers
-            if name.startswith(ours)
-            and not f"{name}_".startswith(stems)
-            and "source" in amap.dataset[name].attrs
-        }
-    return leftovers
+    return AmbiguityMap(amap.dataset.assign(added), source=amap.source)
 
 
 def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:

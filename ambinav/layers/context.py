@@ -77,8 +77,6 @@ class LayerContext:
         """
         parameters = amap.parameters
         model_fields = {item.name for item in fields(AmbiguityModel)}
-        # Maps of earlier versions have no robot radius.
-        parameters.setdefault("robot_radius", 0.0)
         missing = sorted((model_fields | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
             raise InputError(

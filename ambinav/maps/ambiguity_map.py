@@ -185,9 +185,6 @@ class AmbiguityMap:
     def environment(self) -> Environment:
         """Building that the map was computed from, as far as a robot can reach it.
 
-        In an old map of an occupancy grid without its occupied cells, planning is not possible:
-        `collision` raises an InputError.
-
         Raises:
             InputError: the outline of the free space cannot be read.
         """
@@ -199,8 +196,6 @@ class AmbiguityMap:
 
         The robot is that of `for_robot`, or of the map's parameters, or of the scanner.
 
-        Raises:
-            InputError: the map is of a version that stored neither this nor the occupied cells.
         """
         if JUDGED in self.dataset:
             return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
@@ -209,11 +204,7 @@ class AmbiguityMap:
 
     @cached_property
     def judge(self) -> FloorJudge:
-        """Judge that decided which floor counts; computed when first used.
-
-        Raises:
-            InputError: see `judged`.
-        """
+        """Judge that decided which floor counts; computed when first used."""
         return FloorJudge.for_robot(self.environment, self.judged.radius, self.judged.start)
 
     def judged_by(self, reach: Reach) -> JudgedFloor:
@@ -285,10 +276,7 @@ class AmbiguityMap:
 
     @property
     def solid(self) -> Bools:
-        """Mask, shape (ny, nx): the cell contains something solid, even if its centre is free.
-
-        Empty in maps of older versions.
-        """
+        """Mask, shape (ny, nx): the cell contains something solid, even if its centre is free."""
         if schema.BACKDROP not in self.dataset:
             return np.zeros_like(self._free)
         return np.asarray(self.dataset[schema.BACKDROP].values, dtype=np.bool_)

@@ -170,8 +170,7 @@ class FloorJudge:
         """Judge a building's floor for a robot of a radius, metres, that may fit nowhere.
 
         Raises:
-            InputError: the robot does not fit at its start, or the occupied cells of the building
-                are not known any more.
+            InputError: the robot does not fit at its start.
         """
         try:
             reach = reach_of(environment, radius, start)

@@ -25,19 +25,16 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         source: Named in error messages: where the map comes from.
 
     Returns:
-        Of a map that was made from an occupancy grid before occupied cells were kept, one that can
-        be looked at but not planned in: its `collision` raises an InputError. Of a map that was
-        made in space by a caster that is neither prisms nor a mesh the floor is known alone: scans
-        raise one.
+        Of a map that was made in space by a caster that is neither prisms nor a mesh the floor is
+        known alone: scans raise an InputError.
 
     Raises:
         InputError: the outline of the free space, or the building in space, cannot be read.
     """
     attrs = dataset.attrs
-    file, mode = str(attrs.get("environment_source", "")), attrs.get("collision")
-    on_grid = Path(file).suffix.lower() in ("", ".yaml", ".yml")
+    file = str(attrs.get("environment_source", ""))
     corners = json.loads(attrs.get("environment_extent", "[]"))
-    made = (_WithoutCells if mode is None and on_grid else Environment)(
+    return Environment(
         Segments(dataset["segments"].values, dataset["segment_kind"].values),
         _outline(dataset, "floor", "free space", source),
         name=str(attrs["environment"]),
@@ -47,32 +44,13 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
         extent=shapely.Polygon(corners) if corners else None,
         drivable=(
-            _outline(dataset, "drivable", "drivable space", source) if mode == "drivable" else None
+            _outline(dataset, "drivable", "drivable space", source)
+            if attrs.get("collision") == "drivable"
+            else None
         ),
         space=_space(dataset, source),
         floor=json.loads(attrs.get("environment_floor", "0.0")),
     )
-    if isinstance(made, _WithoutCells):
-        made.map_file = source
-    return made
-
-
-class _WithoutCells(Environment):
-    """Building for display only: its map does not store the occupied cells."""
-
-    map_file = ""
-
-    @property
-    def drivable(self) -> BaseGeometry | None:
-        """Area for footprints, which is not known.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(
-            f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
-            "it is not known where a robot fits; make the map again with `ambinav map`."
-        )
 
 
 def _space(dataset: xr.Dataset, source: str) -> SpaceCaster | None:

@@ -37,7 +37,7 @@ asked for as a layer too, and is the same."""
 
 BACKDROP: Final = "solid"
 """Cells with something in them that is known to be solid, bool, over (y, x). Pictures are drawn
-over it; it is no layer. Maps of older versions lack it."""
+over it; it is no layer."""
 
 ANGLES: Final = ("_angle", "_turn")
 """Ends of the names of added layers that hold angles with period 2 pi."""

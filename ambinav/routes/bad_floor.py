@@ -7,7 +7,6 @@ zone it says nothing, and the error grows in every direction.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -25,9 +24,9 @@ class BadFloor:
 
     Attributes:
         corridor: In corridor.
-        longest_corridor: The longest stretch in it; nan if that is not known.
+        longest_corridor: The longest stretch in it.
         open: In open zones.
-        longest_open: The longest stretch in them; nan if that is not known.
+        longest_open: The longest stretch in them.
         unexplored: Where the map is unexplored or outside, so no zone is known.
     """
 
@@ -53,15 +52,15 @@ class BadFloor:
         """Combine several routes: sums of metres, and the longest of all their stretches."""
         return cls(
             sum(part.corridor for part in parts),
-            _longest([part.longest_corridor for part in parts]),
+            max((part.longest_corridor for part in parts), default=0.0),
             sum(part.open for part in parts),
-            _longest([part.longest_open for part in parts]),
+            max((part.longest_open for part in parts), default=0.0),
             sum(part.unexplored for part in parts),
         )
 
     @property
     def figures(self) -> dict[str, float]:
-        """Figures by their names in files, metres; nan if not known."""
+        """Figures by their names in files, metres."""
         return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
     def corridor_text(self) -> str:
@@ -73,15 +72,9 @@ class BadFloor:
         return stretch_text(self.open, self.longest_open)
 
 
-def stretch_text(metres: float, longest: float | None) -> str:
-    """Format metres and the longest stretch of them: "12.3 (8.1)".
-
-    Args:
-        metres: In a zone.
-        longest: In a row; None or nan if that is not known.
-    """
-    unknown = longest is None or math.isnan(longest)
-    return f"{metres:.1f} ({'?' if unknown else f'{longest:.1f}'})"
+def stretch_text(metres: float, longest: float) -> str:
+    """Format metres in a zone and the longest stretch of them: "12.3 (8.1)"."""
+    return f"{metres:.1f} ({longest:.1f})"
 
 
 def unexplored_note(floor: BadFloor, who: str = "") -> str:
@@ -95,7 +88,3 @@ def unexplored_note(floor: BadFloor, who: str = "") -> str:
         return ""
     of = f"{who}: " if who else ""
     return f"{of}{floor.unexplored:.1f} m on unexplored floor, not counted"
-
-
-def _longest(stretches: Sequence[float]) -> float:
-    return math.nan if any(map(math.isnan, stretches)) else max(stretches, default=0.0)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.routes.record import none_if_nan
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
@@ -104,8 +103,8 @@ class ParetoFront:
                 "unexplored_m": point.route.unexplored_metres,
                 "bad_m": point.route.bad_metres,
                 "longest_bad_m": point.route.longest_bad,
-                "longest_corridor_m": none_if_nan(point.route.longest_corridor),
-                "longest_open_m": none_if_nan(point.route.longest_open),
+                "longest_corridor_m": point.route.longest_corridor,
+                "longest_open_m": point.route.longest_open,
                 "turn_rad": point.route.turn,
                 **({} if point.lost is None else {"lost_probability": point.lost}),
                 "dominated": dominated,

@@ -47,8 +47,8 @@ class Figures(ConfigModel):
     open_m: NonNegative
     unexplored_m: NonNegative = 0.0
     longest_bad_m: NonNegative
-    longest_corridor_m: NonNegative | None = None
-    longest_open_m: NonNegative | None = None
+    longest_corridor_m: NonNegative
+    longest_open_m: NonNegative
     turn_rad: NonNegative
     duration_s: NonNegative | None = None
     speed_limits: SpeedLimits | None = None
@@ -105,8 +105,8 @@ def figures(route: Route) -> Figures:
             "exposure_m": route.exposure,
             "unexplored_m": route.unexplored_metres,
             "longest_bad_m": route.longest_bad,
-            "longest_corridor_m": none_if_nan(route.longest_corridor),
-            "longest_open_m": none_if_nan(route.longest_open),
+            "longest_corridor_m": route.longest_corridor,
+            "longest_open_m": route.longest_open,
             "turn_rad": route.turn,
             "duration_s": route.duration,
         }
@@ -179,8 +179,8 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         zone_metres={name: getattr(saved, f"{name}_m") for name in ZONES},
         unexplored_metres=saved.unexplored_m,
         longest_bad=saved.longest_bad_m,
-        longest_corridor=_longest(saved, saved.longest_corridor_m, saved.corridor_m, saved.open_m),
-        longest_open=_longest(saved, saved.longest_open_m, saved.open_m, saved.corridor_m),
+        longest_corridor=saved.longest_corridor_m,
+        longest_open=saved.longest_open_m,
         turn=saved.turn_rad,
         distance=np.array([point.distance for point in points]),
         spent=np.array([point.cost for point in points]),
@@ -204,27 +204,3 @@ def _all_or_none(name: str, values: list[Value | None], where: str) -> list[Valu
             "give it for all or for none."
         )
     return present
-
-
-def _longest(saved: Figures, longest: float | None, own: float, other: float) -> float:
-    """Return the longest stretch in a bad zone, metres; nan if it cannot be known.
-
-    Files of older versions tell only the longest one over both. It is that of the zone where the
-    route does not touch the other.
-
-    Args:
-        saved: The figures of a file.
-        longest: What they say of the zone.
-        own: Metres in the zone.
-        other: Metres in the other bad zone.
-    """
-    if longest is not None:
-        return longest
-    if own == 0.0:
-        return 0.0
-    return saved.longest_bad_m if other == 0.0 else math.nan
-
-
-def none_if_nan(metres: float) -> float | None:
-    """Convert a figure for files: nan, which means unknown, to None."""
-    return None if math.isnan(metres) else metres

@@ -49,8 +49,7 @@ class Route:
         longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
             them borders on the other. Any piece of another zone ends a stretch, however short;
             what covers no distance, such as a turn on the spot, does not.
-        longest_corridor: The same in corridor alone; an open zone ends it as any other does. nan if
-            the route was read from a file of an older version without it.
+        longest_corridor: The same in corridor alone; an open zone ends it as any other does.
         longest_open: The same in open zones alone.
         turn: Sum of all turns, on the spot or on the path, radians.
         distance: Shape (N,): metres travelled up to each pose.

@@ -194,26 +194,6 @@ def test_a_stored_drawn_plan_is_its_own(tmp_path: Path) -> None:
     assert env.collision is env
 
 
-@pytest.mark.slow
-def test_an_older_map_says_that_its_cells_are_not_known(tmp_path: Path) -> None:
-    dataset = amap_of(leg_room()).dataset.drop_vars("drivable")
-    del dataset.attrs["collision"]
-    for source in ("", "a/map.yaml"):
-        dataset.attrs["environment_source"] = source
-        an.AmbiguityMap(dataset).save(tmp_path / "old.zarr")
-        old = an.AmbiguityMap.open(tmp_path / "old.zarr").environment
-        assert old.cast(0.5, 1.0, 0.0, 1.0) == 1.0
-        assert disc(old, 0.2, simulated=True).poses_free([[1.525, 1.025, 0.0]])[0]
-        with pytest.raises(InputError, match=r"old\.zarr: this map was made before"):
-            disc(old, 0.2)
-        with pytest.raises(InputError, match=r"old\.zarr: this map was made before"):
-            old.is_free(1.0, 1.0, 0.2)
-        assert not disc(pickle.loads(pickle.dumps(old)), 0.2, simulated=True).has_forbidden
-    dataset.attrs["environment_source"] = "plan.geojson"
-    drawn = an.AmbiguityMap(dataset).environment
-    assert drawn.collision is drawn
-
-
 def test_a_damaged_outline_is_the_files_fault() -> None:
     dataset = amap_of(leg_room()).dataset.copy(deep=True)
     dataset["drivable"][:] = 7

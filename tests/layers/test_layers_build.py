@@ -100,29 +100,6 @@ def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(
         assert stored.dataset[name].attrs == later.dataset[name].attrs
 
 
-def test_a_layer_of_an_older_version_is_replaced_whole(laser: RangeScanner) -> None:
-    """The determinant was the layer once, and the radius stood beside it."""
-    amap = build_map(scenes.room(4.0, 2.0), laser, 0.2, layers="localizability")
-    new, data = amap.layers, amap.dataset
-    radius = data["localizability"]
-    determinant = data["localizability_determinant"].assign_attrs(worse="low")
-    other = radius.assign_attrs(source="a user's")
-    older = data.assign(
-        localizability=determinant,
-        localizability_radius=radius.drop_attrs().assign_attrs(source="Wang"),
-        localizability_own=other,
-        localizability_own_direction=radius.drop_attrs().assign_attrs(source="a user's"),
-    ).drop_vars("localizability_determinant")
-    with pytest.raises(InputError, match="is high where a robot is well localized"):
-        AmbiguityService(AmbiguityMap(older), layer="localizability")
-    again = with_layers(AmbiguityMap(older), "localizability")
-    mine = {"localizability_own", "localizability_own_direction"}
-    assert set(again.layers) == {*new, *mine}
-    assert again.dataset["localizability"].attrs == radius.attrs
-    np.testing.assert_array_equal(again.dataset["localizability"], radius)
-    AmbiguityService(again, layer="localizability")
-
-
 def test_attributes_tell_what_it_is(turning: AmbiguityMap) -> None:
     attrs = turning.dataset["fisher"].attrs
     assert attrs["units"] == "m"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import fields
 
 import numpy as np
@@ -86,39 +85,6 @@ def test_any_route_comes_back_exactly(service, tmp_path, poses, steering, ending
     assert_same(load_route(path), route)
 
 
-@pytest.mark.parametrize("ending", FORMATS)
-@pytest.mark.parametrize(
-    ("through", "corridor", "wide"),
-    [
-        ([(1.0, 2.0, 0.0), (14.0, 2.0, 0.0)], "longest_bad", 0.0),
-        ([(18.5, 5.0, 0.0), (22.0, 5.0, 0.0)], 0.0, "longest_bad"),
-        ([(1.0, 1.0, 0.0), (3.0, 1.0, 0.0)], 0.0, 0.0),
-        ([(1.0, 2.0, 0.0), (20.0, 5.0, 0.0)], math.nan, math.nan),
-    ],
-    ids=["corridor", "open", "neither", "both"],
-)
-def test_older_files_tell_no_stretch_of_one_zone(
-    service, tmp_path, ending, through, corridor, wide
-):
-    route = evaluate_route(service, through, Steering(), planner="by hand")
-    path = tmp_path / f"old{ending}"
-    save_route(route, path)
-    lines = path.read_text().split("\n")
-    older = [line for line in lines if not re.search("longest_(corridor|open)_m", line)]
-    assert len(older) == len(lines) - 2
-    path.write_text("\n".join(older))
-    read = load_route(path)
-    for found, known in ((read.longest_corridor, corridor), (read.longest_open, wide)):
-        due = route.longest_bad if known == "longest_bad" else known
-        assert found == due or (math.isnan(found) and math.isnan(due))
-    # What is not known stays so when the route is saved anew.
-    save_route(read, path)
-    again = load_route(path)
-    assert [again.longest_corridor, again.longest_open] == pytest.approx(
-        [read.longest_corridor, read.longest_open], nan_ok=True, abs=0.0
-    )
-
-
 def test_csv_is_a_plain_table(route, tmp_path):
     save_route(route, tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text(encoding="utf-8").rstrip().split("\n")
@@ -190,8 +156,8 @@ def test_stamps_for_all_or_none_and_rising(route, tmp_path):
         pose.pop("stamp")
     del saved["ambinav"]["speed_limits"], saved["ambinav"]["duration_s"]
     path.write_text(json.dumps(saved))
-    older = load_route(path)
-    assert older.stamps is None and older.duration is None and older.speed_limits is None
+    unstamped = load_route(path)
+    assert unstamped.stamps is None and unstamped.speed_limits is None
     saved["ambinav"]["speed_limits"] = {"max_speed": -1.0}
     path.write_text(json.dumps(saved))
     with pytest.raises(InputError, match=r"max_speed is -1.* above 0"):

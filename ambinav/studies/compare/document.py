@@ -52,9 +52,9 @@ class PlannedPart(ConfigModel):
 
     length_m: float
     corridor_m: float
-    longest_corridor_m: float | None
+    longest_corridor_m: float
     open_m: float
-    longest_open_m: float | None
+    longest_open_m: float
     unexplored_m: float
 
 
@@ -134,9 +134,9 @@ class PlanPart(ConfigModel):
     exposure_m: float
     bad_metres_m: float
     corridor_m: float
-    longest_corridor_m: float | None
+    longest_corridor_m: float
     open_m: float
-    longest_open_m: float | None
+    longest_open_m: float
     unexplored_m: float
     file: str
     differs: str = ""
@@ -321,8 +321,8 @@ def _forecast(forecasts: Sequence[Forecast]) -> ForecastPart | None:
 
 
 def _floor(floor: BadFloor) -> dict[str, Any]:
-    """Return metres on bad floor as the report has them; null where they are not known."""
-    return {name: None if math.isnan(f) else round(f, 3) for name, f in floor.figures.items()}
+    """Return metres on bad floor as the report has them."""
+    return {name: round(f, 3) for name, f in floor.figures.items()}
 
 
 def _interval(interval: Interval) -> IntervalPart:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, PlainSerializer, model_validator
 
@@ -151,18 +150,6 @@ class DrivePart(ConfigModel):
     start_std: tuple[Positive, Positive] = (0.05, 0.05)
     start_heading_std_deg: float = Field(default=math.degrees(0.02), gt=0.0)
     max_time: float | None = Field(default=None, gt=0.0)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_third_deviation(cls, plain: Any) -> Any:
-        """Refuse a third number: earlier versions took the heading's deviation, radians, there."""
-        start_std = plain.get("start_std") if isinstance(plain, Mapping) else None
-        if isinstance(start_std, list | tuple) and len(start_std) == 3:
-            raise InputError(
-                f"start_std is {list(start_std)}; give only those of x and y in metres, and that "
-                "of the heading in degrees as start_heading_std_deg"
-            )
-        return plain
 
     @property
     def start_deviations(self) -> tuple[float, float, float]:

@@ -191,8 +191,8 @@ def to_csv(rows: Sequence[Row]) -> str:
         for (key, ours), theirs in zip(
             row.floor.figures.items(), base.floor.figures.values(), strict=True
         ):
-            value, difference = ("" if math.isnan(f) else f"{f:.6g}" for f in (ours, ours - theirs))
-            figures = [value, "", "", "" if row is base else difference, *[""] * 5]
+            difference = "" if row is base else f"{ours - theirs:.6g}"
+            figures = [f"{ours:.6g}", "", "", difference, *[""] * 5]
             name = f"planned_{key.removesuffix('_m')}"
             writer.writerow([row.pair, row.route, name, "m", row.runs, *figures])
         if row.forecasts:

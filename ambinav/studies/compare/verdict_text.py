@@ -96,14 +96,14 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
     instead = ["", ""]
     if theirs is not None:
         instead = [
-            f" instead of {metres:.1f} m ({_longest(longest)})"
+            f" instead of {metres:.1f} m ({longest:.1f} m)"
             for metres, longest in (
                 (theirs.corridor, theirs.longest_corridor),
                 (theirs.open, theirs.longest_open),
             )
         ]
     parts = [
-        f"{metres:.1f} m in {zone} (longest stretch {_longest(longest)}){than}"
+        f"{metres:.1f} m in {zone} (longest stretch {longest:.1f} m){than}"
         for (zone, metres, longest), than in zip(zones, instead, strict=True)
     ]
     note = unexplored_note(ours)
@@ -207,10 +207,6 @@ def _signed(value: float, digits: int) -> str:
         digits += 1
     rounded = round(value, digits) + 0.0
     return f"{rounded:+.{digits}f}" if rounded else f"{rounded:.{digits}f}"
-
-
-def _longest(stretch: float) -> str:
-    return "unknown" if math.isnan(stretch) else f"{stretch:.1f} m"
 
 
 def _judged(verdict: Verdict, baseline: str) -> str:

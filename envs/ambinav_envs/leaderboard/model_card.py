@@ -159,10 +159,7 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
     suite_id = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
-    # Who was trained in an earlier version of an id is judged in that of today.
-    now = f"{trained.rpartition('-')[0]}-v1"
-    trained_in = now if trained not in IDS and now in IDS else trained
-    env_id = trained_in if same else suite_id if suite_id in IDS else NAVIGATION
+    env_id = trained if same else suite_id if suite_id in IDS else NAVIGATION
     return env_id, env_id
 
 

@@ -27,7 +27,8 @@ CARD: Final = "ambinav.json"
 """Member of a policy file with its card."""
 
 _REQUIRED: Final = (
-    "algorithm", "environment", "observation", "action", "steps", "network", "weights_sha256",
+    "algorithm", "environment", "observation", "action", "steps", "code", "network",
+    "weights_sha256",
 )  # fmt: skip
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
@@ -48,8 +49,7 @@ class Card:
         seed: Seed of the training.
         versions: Versions of packages, when it was saved.
         notes: Further notes from the time of saving: checksum of the buildings, a note.
-        code: `ambinav.runtime.provenance.code_digest` of the code that saved it; empty in files of
-            earlier versions.
+        code: `ambinav.runtime.provenance.code_digest` of the code that saved it.
         network: See `network.network_of`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.

@@ -87,8 +87,8 @@ class Policy(ABC):
     Args:
         name: Its name in reports.
         environment: Arguments of the environment that it was trained in, or wants.
-        code: `ambinav.runtime.provenance.code_digest` of the code that trained it; empty: not in
-            its file; None: irrelevant.
+        code: `ambinav.runtime.provenance.code_digest` of the code that trained it; None:
+            irrelevant.
 
     Attributes:
         is_code: True if it was loaded by running its own code, which requires trust.
@@ -104,8 +104,6 @@ class Policy(ABC):
     @property
     def other_code(self) -> str | None:
         """Text saying that other code trained it; None if it is the same, or does not matter."""
-        if self.code == "":
-            return "does not say by which code it was trained, being of an earlier version"
         ours = code_digest()
         if self.code is None or self.code == ours:
             return None

@@ -68,8 +68,7 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
     if config.curriculum and reached < len(config.curriculum):
         longest = config.curriculum[reached].longest
         lines += ["", f"It has never trained on paths longer than {longest:g} m."]
-    # The last session's command has the limits in force; earlier versions noted the first alone.
-    words = record["sessions"][-1].get("command", record["command"])
+    words = record["sessions"][-1]["command"]
     command = shlex.join(word for word in words if word != "--resume")
     lines += ["", f"Again, with another folder: `{command}`" if command else ""]
     return "\n".join(lines).rstrip() + "\n"

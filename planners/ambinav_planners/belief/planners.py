@@ -79,7 +79,6 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
         goal,
         covariance,
         weight=METRES_PER_METRE * problem.service.weight,
-        measure="weak",
         max_std=belief.max_std,
         max_goal_std=belief.max_goal_std,
         tolerance=TOLERANCE,

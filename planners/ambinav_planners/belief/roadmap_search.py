@@ -1,14 +1,10 @@
 """Search of a belief roadmap for a short path with a small covariance at the goal.
 
 Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
-length, and keep for every node the one covariance of the least trace that was found. That is a
-rule of thumb: one with a larger trace can be the better one to go on with. Here the length
-counts too, and every path to a node is gone on with unless a shorter one has left a covariance that
-is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
-filter preserves, so that nothing is lost). In r2 two paths come to a node with different headings,
-and turn differently to go on; the one that is dropped must then be no smaller than the other after
-a turn to its heading. A turn by way of a third heading adds no less in any direction than the short
-way round does, so that is enough.
+length, and keep for every node the one covariance of the least trace that was found. Here the
+length counts too, and the deviation is that in the weak direction: a path to a node is gone on with
+unless a shorter one has left a deviation that is no larger. As theirs, that is a rule of thumb: one
+with a larger deviation can be the better one to go on with.
 """
 
 from __future__ import annotations
@@ -41,22 +37,10 @@ from ambinav_planners.search.labels import (
     reversed_graph,
 )
 
-MEASURES = ("trace", "weak")
-"""Deviation of the position in metres: root of the trace of the covariance's xy block, or root of
-its larger eigenvalue."""
-
 # So many paths of the last few motions are looked at for the bound at the goal: a few milliseconds.
 ENDINGS = 10_000
 # And of no more motions than this: on a graph of few nodes there are never many paths.
 LAST_MOTIONS = 20
-
-# Covariances that differ by less than this share are the same but for rounding.
-ROUNDING = 1e-12
-
-MOST_LABELS = 100_000
-"""Paths to nodes that an exact search keeps at most: at a few nodes it then ends within minutes."""
-TOO_MANY = -2
-NO_LIMIT = 2**62
 
 
 class Terms(NamedTuple):
@@ -64,19 +48,15 @@ class Terms(NamedTuple):
 
     Attributes:
         weight: Metres of path that a metre less of deviation at the goal is worth.
-        weak: Whether the deviation is that in the weak direction, not the root of the trace.
         most: Largest deviation, metres.
         most_at_goal: Largest deviation at the goal, metres.
         margin: 1 + the tolerance.
-        exact: Whether covariances are compared in every direction.
     """
 
     weight: float
-    weak: bool
     most: float
     most_at_goal: float
     margin: float
-    exact: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +72,6 @@ class BeliefPath:
     covariances: Floats
 
 
-def deviation(covariances: ArrayLike, measure: str = "trace") -> Floats:
-    """Return the position's deviation of covariances (..., 3, 3), in metres, shape (...).
-
-    Raises:
-        InputError: unknown measure.
-    """
-    _check_measure(measure)
-    s = np.asarray(covariances, dtype=np.float64)
-    trace = s[..., 0, 0] + s[..., 1, 1]
-    if measure == "weak":
-        trace = trace / 2 + np.hypot((s[..., 0, 0] - s[..., 1, 1]) / 2, s[..., 0, 1])
-    return np.asarray(np.sqrt(np.maximum(trace, 0.0)))
-
-
 def search_roadmap(
     roadmap: BeliefRoadmap,
     start: int,
@@ -113,12 +79,9 @@ def search_roadmap(
     covariance: ArrayLike,
     *,
     weight: float = 50.0,
-    measure: str = "trace",
     max_std: float = math.inf,
     max_goal_std: float = math.inf,
     tolerance: float = 0.0,
-    exact: bool = False,
-    most_labels: int | None = None,
 ) -> BeliefPath | None:
     """Find the path of least length + weight * deviation at the goal.
 
@@ -131,28 +94,18 @@ def search_roadmap(
         goal: A node.
         covariance: Covariance of the pose at the start, shape (3, 3), may be singular.
         weight: Metres of path that a metre less of deviation at the goal is worth.
-        measure: One of MEASURES.
-        max_std: Largest deviation at any node of the path, by the measure, metres.
-        max_goal_std: Largest deviation at the goal, by the measure, metres.
+        max_std: Largest deviation at any node of the path, metres.
+        max_goal_std: Largest deviation at the goal, metres.
         tolerance: A longer path to a node is gone on with only if its variance is lower by more
             than this share. Above 0 the figures of the path are still its own, but a slightly
             better one, or one that keeps to `max_std` by less than that share, may be missed.
-        exact: True compares the covariances at a node in every direction: with a tolerance of 0
-            the path is exactly the best there is, but on a grown roadmap of thousands of nodes
-            that takes minutes. False compares them by the measure alone, as Prentice & Roy do
-            by the trace: a second, without the guarantee.
-        most_labels: How many paths to nodes the search may keep; None: as many as it takes, but of
-            an exact one `MOST_LABELS`. Where no path keeps to the limits, that may go round in
-            circles for ever, each time a little better known in some direction.
 
     Returns:
         The path, or None if there is none that keeps to the limits.
 
     Raises:
-        InputError: bad weight, measure, limit, tolerance, covariance or node, or the search has
-            come to `most_labels`.
+        InputError: bad weight, limit, tolerance, covariance or node.
     """
-    _check_measure(measure)
     weight, tolerance = as_nonnegative(weight, "weight"), as_nonnegative(tolerance, "tolerance")
     for name, value in (("max_std", max_std), ("max_goal_std", max_goal_std)):
         if not value > 0.0:
@@ -161,25 +114,15 @@ def search_roadmap(
     graph = roadmap.graph
     start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
     ahead = cost_to_go(graph, graph.length, goal)
-    weak = measure == "weak"
-    if not math.isfinite(ahead[start]) or deviation(first, measure) > max_std:
+    if not math.isfinite(ahead[start]) or deviation(first) > max_std:
         return None
     blocks = roadmap.carry, roadmap.noise, roadmap.seen
     turned_round = reversed_graph(graph.first, graph.target)
-    floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
-    terms = Terms(
-        float(weight), weak, float(max_std), float(max_goal_std), 1.0 + tolerance, bool(exact)
-    )
-    if most_labels is None:
-        most_labels = MOST_LABELS if exact else NO_LIMIT
+    floor = weight * _least_ending(*turned_round, *blocks, start, goal)
+    terms = Terms(float(weight), float(max_std), float(max_goal_std), 1.0 + tolerance)
     motions, cost, labels = _search(
-        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal, most_labels
+        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal
     )
-    if labels == TOO_MANY:
-        raise InputError(
-            f"most_labels: the search kept {most_labels} paths to nodes and found no end; give a "
-            "tolerance above 0, or exact=False."
-        )
     if labels < 0:
         return None
     path = path_back(graph, start, motions, cost, labels)
@@ -204,44 +147,16 @@ def checked_covariance(covariance: ArrayLike) -> Floats:
     return out
 
 
-def _check_measure(measure: str) -> None:
-    if measure not in MEASURES:
-        raise InputError(f"measure is {measure!r}; choose from {', '.join(MEASURES)}.")
-
-
 @kernel
-def _deviation(s, weak):
+def deviation(s):
+    """Return a covariance's deviation of the position in the weak direction, metres."""
     trace = s[0, 0] + s[1, 1]
-    if weak:
-        trace = 0.5 * trace + math.hypot(0.5 * (s[0, 0] - s[1, 1]), s[0, 1])
+    trace = 0.5 * trace + math.hypot(0.5 * (s[0, 0] - s[1, 1]), s[0, 1])
     return math.sqrt(max(trace, 0.0))
 
 
 @kernel
-def no_larger(first, second, margin):
-    """Return whether covariance `first` is at most margin * `second` in every direction.
-
-    By elimination: margin * second - first has no negative pivot, but for rounding.
-    """
-    d = margin * second - first
-    for k in range(3):
-        slack = ROUNDING * (first[k, k] + second[k, k])
-        if d[k, k] < -slack:
-            return False
-        if d[k, k] <= slack:
-            for i in range(k + 1, 3):
-                if d[i, k] * d[i, k] > slack * ROUNDING * (first[i, i] + second[i, i]):
-                    return False
-            continue
-        for i in range(k + 1, 3):
-            factor = d[i, k] / d[k, k]
-            for j in range(k + 1, 3):
-                d[i, j] -= factor * d[k, j]
-    return True
-
-
-@kernel
-def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
+def _least_ending(first, source, motion, carry, noise, seen, start, goal):
     """Return a lower bound of the deviation at the goal over all paths.
 
     Of what went before the last few motions, even perfect knowledge ends with their noise.
@@ -266,7 +181,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
                 e = motion[k]
                 fs[at], ns[at], os[at] = compose(carry[e], noise[e], seen[e], f[i], n[i], o[i])
                 before[at] = source[k]
-                ending = _deviation(ns[at], weak)
+                ending = deviation(ns[at])
                 lowest = min(lowest, ending)
                 if source[k] == start:  # nothing went before
                     shorter = min(shorter, ending)
@@ -286,41 +201,21 @@ def _turned(covariance, last, to, heading, odometry):
 
 
 @kernel
-def _covered(last, before, covariance, motion, candidate, at, heading, odometry, terms):
-    """Return whether a label of the node dominates the candidate covariance.
-
-    The covariance `candidate` is after motion `at`; -1: at the start.
-    """
-    if not terms.exact:  # the last one has the lowest deviation
-        if last < 0:
-            return False
-        lowest = _deviation(covariance[last], terms.weak)
-        return lowest <= math.sqrt(terms.margin) * _deviation(candidate, terms.weak)
-    label = last
-    while label >= 0:
-        known = covariance[label]
-        if at >= 0:
-            known = _turned(known, motion[label], at, heading, odometry)
-        if no_larger(known, candidate, terms.margin):
-            return True
-        label = before[label]
-    return False
+def _covered(last, covariance, candidate, margin):
+    """Return whether the last label of the node (-1: none), its lowest, covers a covariance."""
+    return last >= 0 and deviation(covariance[last]) <= math.sqrt(margin) * deviation(candidate)
 
 
 @kernel
-def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_labels):
-    """Return motions from goal to start, their cost, and the number of labels.
-
-    Instead of that number -1: no path, or TOO_MANY.
-    """
+def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
+    """Return motions from goal to start, their cost, and the number of labels (-1: no path)."""
     first, target, length = graph
     carry, noise, seen, heading, odometry = roadmap
-    weight, weak, most, most_at_goal, _, _ = terms
+    weight, most, most_at_goal, margin = terms
     nodes = first.size - 1
     newest = np.full(nodes, -1, dtype=np.int64)  # last expanded label of each node
     labels = no_labels()
     add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
-    before = np.empty(ROOM, dtype=np.int64)  # the label of the same node before it
     covariances = np.empty((ROOM, 3, 3))
     covariances[0] = covariance
     count, size, taken = 1, 1, 0
@@ -330,15 +225,12 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
         drop_first(labels.keys, labels.items, size)
         size -= 1
         node, last, gone = labels.at[label], labels.motion[label], labels.spent[label]
-        own = covariances[label]
-        if _covered(
-            newest[node], before, covariances, labels.motion, own, last, heading, odometry, terms
-        ):
+        if _covered(newest[node], covariances, covariances[label], margin):
             continue
-        before[label], newest[node] = newest[node], label
+        newest[node] = label
         taken += 1
         if node == goal:
-            left = _deviation(covariances[label], weak)
+            left = deviation(covariances[label])
             total = gone + weight * left
             if total < best and left <= most_at_goal:
                 best, best_label = total, label
@@ -349,16 +241,12 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
                 continue
             ready = _turned(covariances[label], last, e, heading, odometry)
             ending = carried(carry[e], noise[e], seen[e], ready)
-            if _deviation(ending, weak) > most:
+            if deviation(ending) > most:
                 continue
-            if _covered(
-                newest[to], before, covariances, labels.motion, ending, e, heading, odometry, terms
-            ):
+            if _covered(newest[to], covariances, ending, margin):
                 continue
-            if count >= most_labels:
-                return np.empty(0, dtype=np.int64), math.inf, TOO_MANY
             if count == labels.at.size:
-                labels, before, covariances = more_room(labels), grown(before), grown(covariances)
+                labels, covariances = more_room(labels), grown(covariances)
             add_label(labels, count, size, to, label, e, total, total + ahead[to])
             covariances[count] = ending
             count, size = count + 1, size + 1

@@ -24,52 +24,9 @@ K = (I + N1 O2)^-1:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
-
-
-@dataclass(frozen=True, eq=False)
-class Transfer:
-    """Effect of a stretch of path on a covariance.
-
-    Attributes:
-        carry: F, shape (n, n).
-        noise: N, symmetric, shape (n, n), unit of a covariance.
-        seen: O, symmetric, shape (n, n), unit of an information matrix.
-    """
-
-    carry: Floats
-    noise: Floats
-    seen: Floats
-
-    @classmethod
-    def step(cls, jacobian: Floats, noise: Floats, information: Floats) -> Transfer:
-        """Create one step of the filter: a motion, then a scan.
-
-        Args:
-            jacobian: G of the motion, shape (n, n).
-            noise: R that it adds, shape (n, n), may be singular.
-            information: H^T Q^-1 H of the scan, shape (n, n), may be zero.
-        """
-        nothing, unchanged = np.zeros_like(noise), np.eye(len(noise))
-        motion = cls(np.array(jacobian, dtype=np.float64), np.array(noise), nothing)
-        scan = cls(unchanged, nothing, np.array(information, dtype=np.float64))
-        return motion.then(scan)
-
-    def then(self, other: Transfer) -> Transfer:
-        """Return the composition of this stretch and a later one."""
-        return Transfer(
-            *compose(self.carry, self.noise, self.seen, other.carry, other.noise, other.seen)
-        )
-
-    def __call__(self, covariance: Floats) -> Floats:
-        """Return the final covariance, shape (n, n), for an initial one that may be singular."""
-        out: Floats = carried(self.carry, self.noise, self.seen, np.array(covariance))
-        return out
 
 
 @kernel

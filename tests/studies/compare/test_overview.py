@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -59,12 +58,3 @@ def test_nothing_overlaps(walls: int) -> None:
     for i, box in enumerate(boxes):
         assert box.count_overlaps([b for j, b in enumerate(boxes) if j != i]) == 0
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1
-
-
-def test_a_stretch_that_is_not_known_is_left_pale() -> None:
-    rows = rows_with(FLOORS[1], replace(FLOORS[0], longest_corridor=math.nan))
-    axes = plot_overview(rows, "a title").axes[-1]
-    full = [
-        bar.get_width() for bar in axes.patches if bar.get_facecolor() == to_rgba(ZONE_COLOURS[2])
-    ]
-    assert full == [1.5]

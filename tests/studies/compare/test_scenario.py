@@ -184,8 +184,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "runs that are true": (lambda p: p["drive"].update(runs=True), "runs is True; give a number"),
     "start_std": (
         lambda p: p["drive"].update(start_std=[0.05, 0.05, 0.02]),
-        "start_std is [0.05, 0.05, 0.02]; give only those of x and y in metres, and that of the "
-        "heading in degrees as start_heading_std_deg",
+        "drive.start_std is [0.05, 0.05, 0.02]; it should have at most 2 items",
     ),
     "four numbers": (
         lambda p: p.update(pairs=[{"start": [1, 1, 0, 0], "goal": [7, 2]}]),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import functools
 import io
-import math
 from dataclasses import fields, replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from ambinav.studies.compare.plans import Plan
 from ambinav.studies.compare.results import Results
 from ambinav.studies.compare.scenario import ALL_PAIRS
 from ambinav.studies.compare.tables import FIGURES, Row, judge, make_rows, to_csv
-from ambinav.studies.compare.verdict_text import floor_sentence
 from tests.drive.cases import route_through
 
 RUNS = 30
@@ -162,16 +160,3 @@ def test_corridor_and_open_zones_are_distinguished() -> None:
     assert {(line["unit"], line["low"], line["high"], line["ratio"]) for line in lines} == {
         ("m", "", "", "")
     }
-
-
-def test_a_stretch_that_no_file_tells_is_not_made_up() -> None:
-    cases = [planned(CASES[0], 12.0, math.nan, 4.0, 4.0), planned(CASES[1], 3.0, 2.0, 0.0, 0.0)]
-    rows = make_rows(*zip(*cases, strict=True), "shortest", 1)
-    lines = {
-        (line["route"], line["figure"]): line for line in csv.DictReader(io.StringIO(to_csv(rows)))
-    }
-    assert lines["shortest", "planned_longest_corridor"]["value"] == ""
-    assert lines["careful", "planned_longest_corridor"]["difference"] == ""
-    assert rows[0].floor.corridor_text() == "12.0 (?)"
-    assert math.isnan(BadFloor.joined([row.floor for row in rows]).longest_corridor)
-    assert "12.0 m in corridor (longest stretch unknown) and" in floor_sentence(rows[0].floor)
