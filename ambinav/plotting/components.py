@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -24,7 +25,9 @@ def plot_components(
     goal: Sequence[float],
     start_label: int,
     goal_label: int,
+    ax: Axes | None = None,
     *,
+    title: str | None = None,
     narrowest: tuple[float, float, float] | None = None,
 ) -> Figure:
     """Draw the part of the floor that the start lies in, and that of the goal.
@@ -38,6 +41,8 @@ def plot_components(
         start_label: Label of the part that the start lies in; if no cell has it, the start
             reaches none.
         goal_label: Label of the part that the goal lies in.
+        ax: Axes to draw on; None makes a figure of its own.
+        title: None says that no path was found.
         narrowest: x, y and width, metres, of the narrowest place of the widest way; None: no mark.
 
     Raises:
@@ -60,7 +65,8 @@ def plot_components(
     for colour, _, cells in entries:
         picture[cells] = rgba_bytes(colour)
     building = amap.dataset.attrs["environment"]
-    floor = FloorFigure(amap, None, f"No path from start to goal in {building}")
+    title = title or f"No path from start to goal in {building}"
+    floor = FloorFigure(amap, ax, title)
     floor.paint(picture)
     label_points(floor.axes, [(start[0], start[1], style.START), (goal[0], goal[1], style.GOAL)])
     patches = [

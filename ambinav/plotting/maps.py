@@ -80,6 +80,7 @@ def plot_layer(
     ax: Axes | None = None,
     heading: Heading = "mean",
     *,
+    strokes: bool = False,
     title: str | None = None,
     parts: JudgedFloor | None = None,
 ) -> Axes:
@@ -90,6 +91,7 @@ def plot_layer(
         layer: Name of a layer, without suffix. Angles are drawn in degrees on a cyclic scale.
         ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
+        strokes: Whether to draw the weak direction too.
         title: None names the layer, the environment and the scanner.
         parts: Masks of the floor that counts; what does not is hatched or grey, with a legend.
             None: the layer is drawn wherever it has a value.
@@ -110,6 +112,8 @@ def plot_layer(
     title = title or floor_title(amap, layer.replace("_", " ").capitalize(), at)
     floor = FloorFigure(amap, ax, title, unknown=scale.unknown)
     image = floor.paint(scale.values, cmap=scale.colours, norm=scale.norm)
+    if strokes:
+        floor.strokes(heading, amap.judged if parts is None else parts)
     floor.colour_bar(image, label if scale.unit in ("", "1") else f"{label} ({scale.unit})")
     if parts is not None:
         others = np.zeros((*values.shape, 4), dtype=np.uint8)

@@ -26,7 +26,7 @@ _LONGEST: Final[dict[str, Any]] = {
 """Look of the line through longest stretches."""
 
 
-def plot_pareto(front: ParetoFront) -> Figure:
+def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     """Draw extra length against exposure, and against metres in corridor and in open zones.
 
     With forecasts a fourth panel has the share of robots that get lost. Beside the metres in a zone
@@ -35,6 +35,7 @@ def plot_pareto(front: ParetoFront) -> Figure:
 
     Args:
         front: Routes between the same two poses for several weights.
+        title: None names the environment and the scanner.
     """
     first = front.points[0].route
     lost = [point.lost for point in front.points if point.lost is not None]
@@ -42,7 +43,7 @@ def plot_pareto(front: ParetoFront) -> Figure:
     count = 4 if forecast else 3
     figure = new_figure(4.8 * count, 4.8)
     panels = figure.subplots(1, count).tolist()
-    head(figure, f"Length and ambiguity by weight: {first.scanner} in {first.environment}")
+    head(figure, title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}")
     extra, dominated = 100.0 * np.array(front.extra), np.array(front.dominated)
     floors = [BadFloor.of(point.route) for point in front.points]
     exposure = np.array([point.route.exposure for point in front.points])

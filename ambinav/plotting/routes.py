@@ -17,7 +17,7 @@ from matplotlib.patheffects import Normal, Stroke
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
-from ambinav.plotting.floor import FloorFigure, label_points
+from ambinav.plotting.floor import FloorFigure, Heading, label_points
 from ambinav.plotting.legend_patches import zone_patches
 from ambinav.plotting.maps import ZONES_OF_ALL, floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
@@ -38,31 +38,43 @@ _CASING: Final = 0.8
 def plot_routes(
     amap: AmbiguityMap,
     routes: Mapping[str, Route] | Sequence[Route],
+    ax: Axes | None = None,
     *,
+    heading: Heading = "mean",
+    covariances: bool = True,
+    legend: bool = True,
+    title: str | None = None,
+    kinds: Mapping[str, str] | None = None,
     stops: Sequence[tuple[float, float]] = (),
 ) -> Figure:
     """Draw routes on the zones of the floor, with their figures in the legend.
-
-    Ellipses of 2 standard deviations are drawn along routes that have predicted covariances.
 
     Args:
         amap: The map.
         routes: Routes by name, or a sequence: then the planner and the weight name them. The first
             is drawn lowest and widest, so that all show where they run together. Those that are the
             same path share a line.
+        ax: Axes to draw on; None makes a figure of its own.
+        heading: "mean", "best", "worst" or radians: of the zones, where the heading matters.
+        covariances: Whether to draw ellipses of 2 standard deviations along routes that have
+            predicted covariances.
+        legend: Whether to tell the routes' figures and the zones.
+        title: None names the environment and the scanner.
+        kinds: Kind of routes by name, which decides their colour; `route_kind` finds out what is
+            left out.
         stops: x, y of stops, metres, which are numbered from 1 on.
 
     Raises:
-        InputError: no routes.
+        InputError: no routes, or no such heading.
     """
     named = dict(routes) if isinstance(routes, Mapping) else name_routes(routes)
     if not named:
         raise InputError("routes is empty; give at least one route to draw.")
     groups = _same_path(named)
-    looks = route_styles({name: named[name] for name in map(_first, groups)}, {})
+    looks = route_styles({name: named[name] for name in map(_first, groups)}, kinds or {})
     lines = list(zip(looks.values(), _widths(len(groups)).tolist(), strict=True))
-    floor = FloorFigure(amap, None, floor_title(amap, "Routes", "mean", ZONES_OF_ALL))
-    paint_zones(floor, "mean", amap.judged)
+    floor = FloorFigure(amap, ax, title or floor_title(amap, "Routes", heading, ZONES_OF_ALL))
+    paint_zones(floor, heading, amap.judged)
     uncertain = False
     gap = max(np.ptp(floor.bounds[::2]), np.ptp(floor.bounds[1::2])) / 40.0
     for i, (group, (look, width)) in enumerate(zip(groups, lines, strict=True)):
@@ -70,7 +82,7 @@ def plot_routes(
         line = route_line(look, width, trace_route(route))
         line.set_zorder(6 + 0.01 * i)
         floor.axes.add_line(line)
-        if route.covariances is not None:
+        if covariances and route.covariances is not None:
             uncertain = True
             _draw_ellipses(floor.axes, route, look, gap=gap, zorder=7 + 0.01 * i)
     ends = [(route.start[:2], route.goal[:2]) for route in named.values()]
@@ -79,18 +91,19 @@ def plot_routes(
     goals = [(*goal, GOAL) for start, goal in ends if start != goal]
     numbered = [(*stop, str(k)) for k, stop in enumerate(stops, start=1)]
     label_points(floor.axes, [*starts, *numbered, *goals])
-    floor.legend(zone_patches() + floor.part_patches(amap.judged) + floor.outside_patches())
-    handles = [route_line(look, width) for look, width in lines]
-    for handle, group in zip(handles, groups, strict=True):
-        handle.set_label(describe(group))
-    caption = [f"{START}: start", f"{GOAL}: goal", IN_BRACKETS]
-    if stops:
-        caption.insert(1, "1, 2 ...: stops" if len(stops) > 1 else "1: stop")
-    if amap.has_theta:
-        caption.append("zones of a route: at its own headings")
-    if uncertain:
-        caption.append(f"ellipses: {SIGMAS:g} standard deviations of the position")
-    floor.legend(handles, caption)
+    if legend:
+        floor.legend(zone_patches() + floor.part_patches(amap.judged) + floor.outside_patches())
+        handles = [route_line(look, width) for look, width in lines]
+        for handle, group in zip(handles, groups, strict=True):
+            handle.set_label(describe(group))
+        caption = [f"{START}: start", f"{GOAL}: goal", IN_BRACKETS]
+        if stops:
+            caption.insert(1, "1, 2 ...: stops" if len(stops) > 1 else "1: stop")
+        if amap.has_theta:
+            caption.append("zones of a route: at its own headings")
+        if uncertain:
+            caption.append(f"ellipses: {SIGMAS:g} standard deviations of the position")
+        floor.legend(handles, caption)
     return root_figure(floor.finish())
 
 
@@ -105,7 +118,7 @@ def route_kind(route: Route) -> str:
 
 
 def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[str, RouteStyle]:
-    """Return styles of routes by name; `route_kind` finds out what `kinds` leaves out."""
+    """Return the styles of routes by name, kind by kind; arguments as of `plot_routes`."""
     seen: dict[str, int] = {}
     styles = {}
     for name, route in routes.items():

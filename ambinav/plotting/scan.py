@@ -35,6 +35,7 @@ _PALE: Final = 0.45
 def plot_scan(
     amap: AmbiguityMap,
     scan: Sight,
+    ax: Axes | None = None,
     *,
     slide: tuple[float, float] | None = None,
     walls: Sequence[tuple[Point, Point]] = (),
@@ -45,6 +46,7 @@ def plot_scan(
     Args:
         amap: A map of the building.
         scan: The scan.
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
         walls: Ends of walls, metres, along which it slides.
@@ -52,7 +54,7 @@ def plot_scan(
     """
     reach = _reach(scan)
     bounds = (scan.x - reach, scan.y - reach, scan.x + reach, scan.y + reach)
-    floor = FloorFigure(amap, None, title, bounds=bounds, longest=LONGEST, walls=1.5)
+    floor = FloorFigure(amap, ax, title, bounds=bounds, longest=LONGEST, walls=1.5)
     axes = floor.axes
     _draw_free(axes, amap.environment.free, bounds)
     returned = np.isfinite(scan.distance)

@@ -138,7 +138,7 @@ def test_draws_into_given_axes(amap):
     figure = Figure()
     first, second = figure.subplots(1, 2)
     assert plot_zones(amap, first) is first
-    assert plot_layer(amap, "level", second) is second
+    assert plot_layer(amap, "level", second, strokes=True) is second
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Stroke
@@ -19,7 +20,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.components import plot_components
-from ambinav.plotting.routes import plot_routes, route_styles
+from ambinav.plotting.routes import plot_routes
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
@@ -110,9 +111,10 @@ def test_a_kind_of_route_has_one_colour(amap, routes):
         lines = dict(zip(named, cased(plot_routes(amap, named).axes[0]), strict=True))
         assert lines["a"].get_color() == style.route_style("ambiguity").colour
         assert lines["b"].get_color() == style.route_style("shortest").colour
-    looks = route_styles(named, {"a": "policy", "b": "planner"})
-    assert looks["a"] == style.route_style("policy")
-    assert looks["b"] == style.route_style("shortest")
+    axes = plot_routes(amap, named, kinds={"a": "policy", "b": "planner"}).axes[0]
+    assert [line.get_color() for line in cased(axes)] == [
+        style.route_style("shortest").colour, style.route_style("policy").colour
+    ]  # fmt: skip
 
 
 def test_start_and_goal_are_marked_once(amap, routes):
@@ -161,6 +163,8 @@ def test_ellipses_are_two_standard_deviations(amap):
     turn = np.radians(ellipses.get_angles()) - np.arctan2(0.6, 0.8)
     np.testing.assert_allclose(np.sin(turn), 0.0, atol=1e-9)
     assert sorted(ellipses.get_offsets()[:, 0].tolist()) == [1.0, 9.0, 15.0]
+    plain = plot_routes(amap, [unsure], covariances=False).axes[0]
+    assert not any(isinstance(a, EllipseCollection) for a in plain.collections)
 
 
 @pytest.mark.slow
@@ -184,7 +188,12 @@ def test_nothing_overlaps(amap, part, count):
 
 
 @pytest.mark.slow
-def test_saves(amap, routes, tmp_path):
+def test_draws_into_given_axes_and_saves(amap, routes, tmp_path):
+    figure = Figure()
+    axes = figure.subplots()
+    size = figure.get_size_inches().tolist()
+    assert plot_routes(amap, routes, axes) is figure
+    assert figure.get_size_inches().tolist() == size
     save_figure(plot_routes(amap, routes), tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
@@ -192,8 +201,8 @@ def test_saves(amap, routes, tmp_path):
 @pytest.mark.slow
 def test_headings_are_named_where_they_matter(routes):
     turning = AmbiguityMap(synthetic.dataset(headings=4))
-    figure = plot_routes(turning, routes)
-    assert "over all headings" in figure.axes[0].get_title(loc="left")
+    figure = plot_routes(turning, routes, heading="worst")
+    assert "worst heading" in figure.axes[0].get_title(loc="left")
     captions = [legend.get_title().get_text() for legend in figure.axes[0].findobj(Legend)]
     assert any("own headings" in caption for caption in captions)
 

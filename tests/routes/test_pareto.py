@@ -169,5 +169,6 @@ def assert_apart(axes):
 
 
 def test_one_route_alone_can_be_drawn():
-    figure = plot_pareto(front((3, 10.0, 0.0)))
+    figure = plot_pareto(front((3, 10.0, 0.0)), title="A title")
+    assert figure.get_suptitle() == "A title"
     assert [label.get_text() for label in labels(figure.axes[0])] == ["3"]
