@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ambinav.drive.drive import drive_route as drive_route
     from ambinav.drive.drives import Drives as Drives
     from ambinav.drive.metrics import Metrics as Metrics
+    from ambinav.drive.metrics import metrics as metrics
     from ambinav.drive.noise import OdometryNoise as OdometryNoise
     from ambinav.drive.people import People as People
     from ambinav.drive.robot import Robot as Robot

@@ -33,11 +33,11 @@ from pathlib import Path
 Path("places.yaml").write_text("places: {dock: [19.3, 21.7], hall: [9, 21]}")
 """
 COMPARED = """
-import dataclasses
-from ambinav.drive.metrics import Metrics
-names = [one.name for one in dataclasses.fields(Metrics)]
-ours, shortest = (Metrics(**dict.fromkeys(names, np.full(5, value))) for value in (0.1, 0.4))
-length, shortest_length, rng = 50.0, 48.0, np.random.default_rng(1)
+rng = np.random.default_rng(1)
+drives, shortest_drives = (
+    an.drive_route(env, scanner, an.Robot(), route, "ekf", rng, runs=3)
+    for route in (an.Route.through([(3, 3), (3.5, 3), (5, 3)]), an.Route.through([(3, 3), (5, 3)]))
+)
 """
 SCANS = """
 poses = np.array([[3.0, 3.0, 0.0], [20.0, 13.0, 0.0]])

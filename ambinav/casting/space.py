@@ -20,6 +20,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_arrays
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
 
@@ -169,15 +170,15 @@ def unit_rays(
         a direction, (N,): the others are replaced by some ray.
 
     Raises:
-        InputError: the range is not a positive number.
+        InputError: the range is not a positive number, or the shapes do not match.
     """
     if not max_range > 0.0:
         raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
-    parts = np.broadcast_arrays(
-        np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
-    )
-    o, u = (np.ascontiguousarray(part).reshape(-1, 3) for part in parts)
+    shape, parts = as_arrays(origin=origin, direction=direction)
+    if shape[-1:] != (3,):
+        raise InputError(f"cast: origin and direction have the shape {shape}; give (..., 3).")
+    o, u = (np.array(np.broadcast_to(part, shape)).reshape(-1, 3) for part in parts)
     length = np.linalg.norm(u, axis=1)
     fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
     u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
-    return parts[0].shape[:-1], np.where(fine[:, None], o, 0.0), u, fine
+    return shape[:-1], np.where(fine[:, None], o, 0.0), u, fine

@@ -16,6 +16,7 @@ from ambinav.config.model import (
     require,
 )
 from ambinav.config.numbers import (
+    as_array,
     as_arrays,
     as_count,
     as_degrees,
@@ -38,6 +39,7 @@ from ambinav.config.values import (
     Share,
     Switch,
     Text,
+    check_generator,
     check_kind,
     choice,
     fault,
@@ -60,6 +62,7 @@ __all__ = [
     "Share",
     "Switch",
     "Text",
+    "as_array",
     "as_arrays",
     "as_count",
     "as_degrees",
@@ -69,6 +72,7 @@ __all__ = [
     "as_numbers",
     "as_positive",
     "check_fields",
+    "check_generator",
     "check_keys",
     "check_kind",
     "checked",

@@ -25,8 +25,8 @@ LONGEST: Final = 60
 
 
 def shown(value: object) -> str:
-    """Format a value for messages; a long one is cut."""
-    text = repr(value.item() if isinstance(value, np.generic) else value)
+    """Format a value for messages, in one line; a long one is cut."""
+    text = " ".join(repr(value.item() if isinstance(value, np.generic) else value).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
@@ -90,6 +90,14 @@ def as_count(value: object, where: str) -> int:
     return int(value)
 
 
+def as_array(value: ArrayLike, where: str, wish: str) -> Floats:
+    """Return a new array of float64, or raise `InputError`; `wish` says what to give instead."""
+    try:
+        return np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{where} is {shown(value)}; give {wish}.") from None
+
+
 def as_arrays(**values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     """Return the shape that some arrays, or numbers, broadcast to, and each of them as float64.
 
@@ -131,7 +139,7 @@ def as_degrees(radians: float) -> float:
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return what to offer for a misspelt word: those that contain it, the nearest, or else all."""
     names = sorted(known)
-    part = word.lower()
+    part = str(word).lower()  # whatever a caller may have taken for a name
     matches = [name for name in names if part in name] if len(part) >= SHORTEST else []
     if part in names:
         matches = [part]

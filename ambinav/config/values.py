@@ -34,20 +34,30 @@ def fault(value: object, wish: str) -> FaultError:
     return FaultError(f"is {shown(value)}; {wish}")
 
 
-def check_kind(value: object, kind: type | tuple[type, ...], name: str, remedy: str) -> None:
+def check_kind(
+    value: object, kind: type | tuple[type, ...], name: str, remedy: str | None = None
+) -> None:
     """Check that an argument is of a kind.
 
     Args:
         value: The argument.
         kind: A class, or several.
         name: Its name in messages.
-        remedy: What to do, as in "give one that `load_environment` returns".
+        remedy: What to do, as in "give one that `load_environment` returns"; None: to give one of
+            the (first) class.
 
     Raises:
         InputError: it is something else.
     """
     if not isinstance(value, kind):
+        noun = (kind if isinstance(kind, type) else kind[0]).__name__
+        remedy = remedy or f"give {'an' if noun[0] in 'AEIOU' else 'a'} {noun}"
         raise InputError(f"{name} is {shown(value)}; {remedy}.")
+
+
+def check_generator(rng: object) -> None:
+    """Check that an argument `rng` is a numpy Generator, or raise `InputError`."""
+    check_kind(rng, np.random.Generator, "rng", "give a numpy Generator, such as default_rng(1)")
 
 
 def number(

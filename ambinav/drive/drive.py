@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from types import NoneType
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_count, as_positive, check_kind
+from ambinav.config import as_array, as_count, as_positive, check_generator, check_kind
 from ambinav.config.numbers import shown
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
-from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
+from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, named_localizer
 from ambinav.drive.localizers import Localizer, reads_intensities, updated
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -27,7 +28,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
-from ambinav.runtime.array_types import Floats, Floats32
+from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -91,7 +92,7 @@ def drive_route(
         environment: The map of the localizer.
         scanner: The scanner of the robot.
         robot: The robot.
-        route: The route.
+        route: The route; planned for `robot.footprint`, or it may lead the robot into walls.
         localizer: A name of `LOCALIZERS`, with parameters that suit scanner and odometry; one that
             is chosen with its parameters; parameters of Monte Carlo localization; or a localizer
             made for this number of runs, such as an `ExtendedKalmanFilter`.
@@ -113,13 +114,17 @@ def drive_route(
 
     Raises:
         InputError: the start is not free, there are no runs, a number is out of its range, the
-            localizer's name is unknown, or an argument is refused by its class.
+            localizer's name is unknown, a command of the controller cannot be driven, or an
+            argument is refused by its class.
     """
     follower = FollowerParameters() if follower is None else follower
     noise = OdometryNoise() if noise is None else noise
     world = environment if world is None else world
+    check_parts(environment, scanner, robot, world, noise, people)
+    check_kind(route, Route, "route")
+    check_kind(follower, FollowerParameters, "follower")
     runs = as_count(runs, "runs")
-    check_kind(rng, np.random.Generator, "rng", "give a numpy Generator, such as default_rng(1)")
+    check_generator(rng)
     deviations = checked_timing(rate, start_std, max_time)
     course = Course.of(route.poses, route.steering)
     checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)
@@ -174,13 +179,41 @@ def drive_route(
             robots.outcome[robots.outcome == DRIVING] = TIMED_OUT
         command = None
         if steered is not None:
-            command = steered.command(belief, covariance, robots.speeds, ranges)
+            command = _checked_command(
+                steered.command(belief, covariance, robots.speeds, ranges), going
+            )
         going = robots.step(belief, command)
         if not going.any():
             break
         if crowd is not None:
             crowd.walk(robots.truth, dt)
     return record.drives(dt, robots.outcome, course.goal, course.length, open_loop)
+
+
+def check_parts(
+    environment: Environment,
+    scanner: RangeScanner,
+    robot: Robot,
+    world: Environment,
+    noise: OdometryNoise,
+    people: People | None,
+) -> None:
+    """Check the kinds of what a drive is made of; raise `InputError` for another."""
+    check_kind(environment, Environment, "environment")
+    check_kind(scanner, RangeScanner, "scanner")
+    check_kind(robot, Robot, "robot")
+    check_kind(world, Environment, "world")
+    check_kind(noise, OdometryNoise, "noise")
+    check_kind(people, (People, NoneType), "people")
+
+
+def _checked_command(command: Floats, going: Bools) -> Floats:
+    """Return a controller's commands; raise `InputError` where they cannot be driven."""
+    wish = f"speed and turn rate of each robot, finite, shape ({len(going)}, 2)"
+    out = as_array(command, "controller: the command", wish)
+    if out.shape != (len(going), 2) or not np.isfinite(out[going]).all():
+        raise InputError(f"controller: the command is {shown(out.tolist())}; give {wish}.")
+    return out
 
 
 def checked_timing(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
@@ -238,10 +271,14 @@ def make_localizer(
     from ambinav.localization.parameters import MclParameters
 
     if isinstance(localizer, str):
-        plain = suited(localizer, context.scanner)
-        localizer = chosen_localizer(plain, context.noise, robot, rate)
+        localizer = named_localizer(localizer, context.scanner, context.noise, robot, rate)
     if isinstance(localizer, ChosenLocalizer):
         return localizer.make(context)
     if isinstance(localizer, MclParameters):
         return monte_carlo(localizer, context)
+    if localizer is not None and not callable(getattr(localizer, "start", None)):
+        raise InputError(
+            f"localizer is {shown(localizer)}; give a name, MclParameters, a localizer, or of a "
+            "LocalizerClass what its `chosen(scanner, noise)` returns."
+        )
     return localizer

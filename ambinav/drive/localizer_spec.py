@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ambinav.config import from_mapping
+from ambinav.config import from_mapping, nearest
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -93,6 +93,14 @@ class LocalizerSpec:
     check: Callable[[Environment, RangeScanner], None] = lambda environment, scanner: None
     files: Callable[[Any], Iterable[Path]] = lambda parameters: ()
     runs_command: bool = False
+
+    def __reduce__(self) -> tuple[Callable[[str], LocalizerSpec], tuple[str]]:
+        """Pickle the name: the entry's functions need not be importable."""
+        return _registered, (self.name,)
+
+
+def _registered(name: str) -> LocalizerSpec:
+    return LOCALIZERS.get(name)
 
 
 LOCALIZERS: Final = Registry(
@@ -216,6 +224,23 @@ def chosen_localizer(
     with LOCALIZERS.calling(name):
         values = {**spec.defaults(Motion(noise, robot, rate)), **given}
         return ChosenLocalizer(spec, from_mapping(spec.parameters, values))
+
+
+def named_localizer(
+    name: str, scanner: RangeScanner, noise: OdometryNoise, robot: Robot, rate: float
+) -> ChosenLocalizer:
+    """Return a localizer by its name, with parameters that suit scanner and odometry.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    names = LOCALIZERS.names()
+    if name not in names:
+        raise InputError(
+            f"there is no localizer {name!r}; {nearest(name, names)}, or for a class of localizers "
+            "give `LocalizerClass.load(NAME).chosen(scanner, noise)`."
+        )
+    return chosen_localizer(suited(name, scanner), noise, robot, rate)
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from types import NoneType
 
 import numpy as np
 
+from ambinav.config import check_kind
 from ambinav.drive.drives import Drives
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Floats
@@ -93,6 +95,8 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
     Raises:
         InputError: the map has no such layer.
     """
+    check_kind(drives, Drives, "drives", "give what `drive_route` returns")
+    check_kind(amap, (AmbiguityMap, NoneType), "amap")
     errors = drives.errors()
     position, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
     far = (position > LOST_POSITION) | (heading > LOST_HEADING)

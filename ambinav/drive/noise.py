@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ambinav.config import NonNegative, Number, check_fields
+from ambinav.config import NonNegative, Number, as_positive, check_fields
 from ambinav.geometry.frames import wrap_angles
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
@@ -127,9 +127,13 @@ class OdometryNoise:
         Args:
             distance: From one update to the next, straight on, metres, above 0.
             angle: The same on the spot, radians, above 0.
+
+        Raises:
+            InputError: one of them is not above 0.
         """
         model = self.modelled
-        driving, turning = self.distance / distance, self.angle / angle
+        driving = self.distance / as_positive(distance, "distance", "metres")
+        turning = self.angle / as_positive(angle, "angle", "radians")
         return OdometryModel(
             alpha1=turning * model.alpha1,
             alpha2=driving * model.alpha2,

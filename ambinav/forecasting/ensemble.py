@@ -18,10 +18,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import NonNegative, as_count, check_fields
+from ambinav.config import NonNegative, as_count, check_fields, check_generator, check_kind
 from ambinav.drive.bootstrap import LEVEL, Interval, share
-from ambinav.drive.drive import checked_start, checked_timing, drive_route, make_localizer
-from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, chosen_localizer, suited
+from ambinav.drive.drive import (
+    check_parts,
+    checked_start,
+    checked_timing,
+    drive_route,
+    make_localizer,
+)
+from ambinav.drive.localizer_spec import ChosenLocalizer, LocalizerContext, named_localizer
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, LOST_SECONDS, first_lost
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -48,7 +54,6 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
 from ambinav.runtime.array_types import Bools, Floats
-from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 from ambinav.runtime.threads import share as share_rows
 from ambinav.sensing.scanner import RangeScanner
@@ -134,6 +139,10 @@ class Ensemble:
     def __len__(self) -> int:
         """Return the number of runs R."""
         return len(self.lost)
+
+    def __repr__(self) -> str:
+        """Return length and lost runs as text."""
+        return f"<Ensemble over {self.distance[-1]:.1f} m: {self.sentence}>"
 
     @property
     def sentence(self) -> str:
@@ -251,14 +260,15 @@ class EnsembleRunner:
         self._noise = OdometryNoise() if noise is None else noise
         self._world = environment if world is None else world
         self._people = people
+        check_parts(environment, scanner, self._robot, self._world, self._noise, people)
+        check_kind(self._lost, LostRule, "lost")
         self._deviations = checked_timing(rate, start_std, None)
         self._rate = rate
         self._follower = FollowerParameters()
         if speed is not None:
             self._follower = FollowerParameters(desired_linear_vel=speed)
         if isinstance(localizer, str):
-            plain = suited(localizer, scanner)
-            localizer = chosen_localizer(plain, self._noise, self._robot, rate)
+            localizer = named_localizer(localizer, scanner, self._noise, self._robot, rate)
         self._localizer = localizer
         context = LocalizerContext(environment, scanner, self._noise, 1, np.random.default_rng(0))
         made = make_localizer(localizer, context, self._robot, rate)
@@ -294,11 +304,10 @@ class EnsembleRunner:
     ) -> Ensemble:
         """Run the localizer many times along a route; see `ensemble`."""
         runs = as_count(runs, "runs")
-        if not isinstance(rng, np.random.Generator):
-            raise InputError(
-                f"rng is a {type(rng).__name__}; give a numpy Generator, such as default_rng(1)."
-            )
+        check_kind(route, Route, "route")
+        check_generator(rng)
         lost = self._lost if lost is None else lost
+        check_kind(lost, LostRule, "lost")
         rule = StoppingRule(threshold=until, width=width)
         sequential = until is not None or width is not None
         confidence_sequence(0, 0, level)

@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -146,6 +147,8 @@ class Forecaster:
         environment: Environment | None = None,
         routes: Sequence[Route] | None = None,
     ) -> None:
+        check_kind(amap, AmbiguityMap, "amap")
+        check_kind(environment, (Environment, NoneType), "environment")
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap

@@ -150,8 +150,11 @@ class LocalizerClass:
             rate: Scans a second.
 
         Raises:
-            InputError: the class names a localizer or a parameter that there is not.
+            InputError: the class names a localizer or a parameter that there is not, or scanner or
+                odometry are something else.
         """
+        check_kind(scanner, RangeScanner, "scanner")
+        check_kind(odometry, OdometryNoise, "odometry")
         motion = odometry, robot or Robot(), rate
         made = chosen_localizer(suited(self.localizer, scanner), *motion)
         if self.otherwise is not None and made.note(scanner) is not None:

@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.config import as_positive
+from ambinav.config import as_positive, check_kind
 from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.braking import BrakingRule, free_distance
 from ambinav.forecasting.document import ODOMETRY
@@ -66,6 +66,7 @@ def with_slowness(
         InputError: the speed is not above 0, or see `Forecaster`.
     """
     max_speed = as_positive(max_speed, "max_speed", "metres per second")
+    check_kind(rule, BrakingRule, "rule")
     context = LayerContext.of(amap)
     spread, _ = steady_state(context, odometry, localizer, METRES, loses=False)
     speed = np.empty(spread.shape[:2])

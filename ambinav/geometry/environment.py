@@ -20,7 +20,7 @@ from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
 from ambinav.casting.turned import turned
-from ambinav.config import as_flat, as_nonnegative, as_number
+from ambinav.config import as_array, as_flat, as_nonnegative, as_number
 from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
@@ -35,6 +35,8 @@ from ambinav.runtime.provenance import digest_of
 from ambinav.runtime.scalars import Scalar
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
+BOX = "(xmin, ymin, xmax, ymax), metres"
+"""What messages ask for where bounds are wanted."""
 DRAWING_STD = 0.02
 # Walls fitted to an occupancy map stand about this far from where a scanner meets them, metres:
 # measured in the logs of seven robots (benchmarks/bench_cells.py). Not the size of a cell, which
@@ -334,8 +336,10 @@ class Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres.
 
         Raises:
-            InputError: see `casting.turned`.
+            InputError: a number is not finite, or see `casting.turned`.
         """
+        for name, value in (("angle", angle), ("dx", dx), ("dy", dy)):
+            as_number(value, name)
         drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
@@ -365,10 +369,15 @@ class Environment:
 
         Returns:
             The building itself if it lies in the box or is in space; None if no floor lies there.
+
+        Raises:
+            InputError: the bounds are no box.
         """
         if self.space is not None:
             return self
-        a, b = np.array(bounds), np.array(self.free.bounds)
+        a, b = as_array(bounds, "bounds", BOX), np.array(self.free.bounds)
+        if a.shape != (4,) or not (a[:2] < a[2:]).all():
+            raise InputError(f"bounds is {bounds}; give {BOX}.")
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
         cut = windowed(self.segments, self.free, bounds)

@@ -34,6 +34,18 @@ class Footprint:
     radius: float
     corners: Floats
 
+    def __eq__(self, other: object) -> bool:
+        """Compare outlines: discs of one radius are equal, and polygons of the same corners."""
+        return isinstance(other, Footprint) and self._outline == other._outline
+
+    def __hash__(self) -> int:
+        """Return a hash that equal footprints share."""
+        return hash(self._outline)
+
+    @property
+    def _outline(self) -> tuple[float, bytes]:
+        return float(self.radius), self.corners.tobytes()
+
     @classmethod
     def disc(cls, radius: float) -> Footprint:
         """Make a disc of `radius` metres; a radius of 0 is a point, which must not touch a wall.

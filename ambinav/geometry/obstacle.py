@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_nonnegative, as_number, as_positive
+from ambinav.config import as_array, as_nonnegative, as_number, as_positive
 from ambinav.runtime.errors import InputError
 
 FURTHEST: Final = 1e8
@@ -22,7 +22,7 @@ FEWEST_SIDES: Final = 16
 MOST_SIDES: Final = 128
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Obstacle:
     """Opaque object on the floor, which neither rays nor robots pass.
 
@@ -132,7 +132,7 @@ class Obstacle:
             InputError: there are fewer than two different points, the thickness is negative, or a
                 number is not finite.
         """
-        course = np.asarray(points, dtype=np.float64)
+        course = as_array(points, "wall: points", "(n, 2) with n at least 2")
         if course.ndim != 2 or course.shape[1] != 2 or len(course) < 2:
             raise InputError(
                 f"wall: points have the shape {course.shape}; give (n, 2) with n at least 2."

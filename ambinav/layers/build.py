@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Iterable, Mapping
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer, chosen_layers
@@ -18,7 +20,7 @@ from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.part import is_part
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, silent
+from ambinav.runtime.progress import Progress, reporter, silent
 from ambinav.sensing.scanner import RangeScanner
 
 Values = NDArray[np.float32]
@@ -31,7 +33,7 @@ def with_layers(
     names: str | Iterable[str],
     *,
     environment: Environment | None = None,
-    progress: Progress = silent,
+    progress: bool | Progress = False,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
     """Return a map with more layers; a layer that the map already has is recomputed.
@@ -41,7 +43,8 @@ def with_layers(
         names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
             supports, except slow ones.
         environment: Building of the map, if available; None: that stored in the map.
-        progress: Called with the share done, from 0 to 1.
+        progress: True for a progress bar on standard error, or a function that is called with
+            the share done, from 0 to 1.
         options: Keyword arguments of a layer's function, by the layer's name:
             `with_layers(amap, ["fisher"], fisher={"odometry_std": 0.1})`.
 
@@ -49,6 +52,8 @@ def with_layers(
         InputError: there is no such layer or option, the scanner does not support the layer, or the
             map lacks its parameters, or is a part of its building and a layer compares its cells.
     """
+    check_kind(amap, AmbiguityMap, "amap")
+    check_kind(environment, (Environment, NoneType), "environment")
     chosen = layers_for(amap, names, environment)
     compared = [layer.name for layer in chosen if layer.compares_cells]
     if compared and is_part(amap, environment):
@@ -56,7 +61,8 @@ def with_layers(
             f"{amap.source}: the map is a part of its building and lacks cells that are compared "
             f"for {', '.join(compared)}; open it without bounds, or leave that out."
         )
-    return layered(amap, chosen, environment=environment, progress=progress, **options)
+    with reporter(progress, ", ".join(layer.name for layer in chosen)) as report:
+        return layered(amap, chosen, environment=environment, progress=report, **options)
 
 
 def layers_for(

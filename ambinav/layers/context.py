@@ -14,6 +14,7 @@ from ambinav.ambiguity.beam_table import BeamTable
 from ambinav.ambiguity.feasible_poses import standing, standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, Returns, beam_returns
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.hits import Hits, beam_hits
@@ -75,6 +76,7 @@ class LayerContext:
         Raises:
             InputError: the map does not say how it was made.
         """
+        check_kind(amap, AmbiguityMap, "amap")
         parameters = amap.parameters
         model_fields = {item.name for item in fields(AmbiguityModel)}
         missing = sorted((model_fields | {"beams_used"}) - parameters.keys())

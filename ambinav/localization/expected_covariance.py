@@ -10,10 +10,12 @@ localizer that knows where about it is.
 
 from __future__ import annotations
 
+from types import NoneType
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import nearest
+from ambinav.config import check_kind, nearest
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import as_covariances, as_poses, scan_information
 from ambinav.localization.online import USUAL_PRIOR, posteriors
@@ -90,8 +92,10 @@ def place_and_scanner(
     """Return the environment, and the given scanner or else the map's.
 
     Raises:
-        InputError: there is no scanner.
+        InputError: there is no scanner, or one of the two is something else.
     """
+    check_kind(place, (AmbiguityMap, Environment), "place", "give an AmbiguityMap or Environment")
+    check_kind(scanner, (RangeScanner, NoneType), "scanner")
     if isinstance(place, Environment):
         if scanner is None:
             raise InputError(f"no scanner is given for environment {place.name!r}; give one.")

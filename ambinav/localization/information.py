@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.config import as_nonnegative
+from ambinav.config import as_array, as_nonnegative
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.casting import (
@@ -127,7 +127,7 @@ def scan_information(
 
 def as_poses(values: ArrayLike, name: str) -> Floats:
     """Return poses of shape (N, 3), or raise `InputError` that names them."""
-    rows = np.ascontiguousarray(np.atleast_2d(np.asarray(values, dtype=np.float64)))
+    rows = np.atleast_2d(as_array(values, name, "x, y, theta, (N, 3)"))
     if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
         raise InputError(f"{name}: the shape is {rows.shape}; give finite x, y, theta, (N, 3).")
     return rows
@@ -135,7 +135,7 @@ def as_poses(values: ArrayLike, name: str) -> Floats:
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
     """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
-    array = np.asarray(values, dtype=np.float64)
+    array = as_array(values, name, "a covariance of x, y, theta, (3, 3)")
     if array.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(array).all():
         raise InputError(
             f"{name}: the shape is {array.shape}; give a finite covariance of x, y, theta, (3, 3) "

@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import nearest
+from ambinav.config import check_kind, nearest
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.expected_covariance import place_and_scanner, walls_std
@@ -105,6 +106,7 @@ def information_gain(
             "than 0."
         )
     environment, scanner = place_and_scanner(place, scanner)
+    check_kind(odometry, (OdometryModel, NoneType), "odometry")
     map_std = walls_std(place, map_std)
     ekf = ExtendedKalmanFilter(environment, scanner, odometry, map_std=map_std)
     after = ekf.predicted_covariances(rows, first, seen)

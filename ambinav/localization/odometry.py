@@ -26,9 +26,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import NonNegative, check_fields
+from ambinav.config import NonNegative, as_array, as_arrays, check_fields
 from ambinav.localization.random import normals
 from ambinav.runtime.array_types import Floats, UInts
+from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
 # Below this distance in metres a motion counts as turning on the spot.
@@ -73,6 +74,9 @@ class OdometryModel:
             poses: Where the robots are, shape (N, 3), map frame.
             before: Odometry pose at that time, shape (3,) or (N, 3), odometry frame.
             after: Odometry pose now, likewise.
+
+        Raises:
+            InputError: the shapes do not match, as for the other two.
         """
         now, *odometry = _broadcast(poses, before, after)
         _moved(now, *odometry)
@@ -99,17 +103,21 @@ class OdometryModel:
         """
         now, *odometry = _broadcast(poses, before, after)
         shape = (len(now), 3, 3)
-        out = np.array(np.broadcast_to(np.asarray(covariances, dtype=np.float64), shape))
+        out = as_array(covariances, "covariances", "(N, 3, 3)")
+        if out.shape not in (shape, shape[1:]):
+            raise InputError(f"covariances have the shape {out.shape}; give (3, 3) or {shape}.")
+        out = np.array(np.broadcast_to(out, shape))
         _spread_all(now, out, *odometry, self.array)
         return out
 
 
 def _broadcast(poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> list[Floats]:
-    now = np.array(poses, dtype=np.float64).reshape(-1, 3)
-    odometry = [
-        np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)
-    ]
-    return [now, *(np.ascontiguousarray(v) for v in odometry)]
+    shape, parts = as_arrays(poses=poses, before=before, after=after)
+    if len(shape) > 2 or shape[-1:] != (3,):
+        raise InputError(
+            f"poses, before and after have the shape {shape}; give x, y, theta, (N, 3)."
+        )
+    return [np.array(np.broadcast_to(part, shape)).reshape(-1, 3) for part in parts]
 
 
 @kernel(inline="always")

@@ -27,10 +27,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
@@ -119,6 +121,9 @@ def online_localizability(
     Raises:
         InputError: a shape does not fit, a value is not finite, or a covariance is none.
     """
+    check_kind(environment, Environment, "environment")
+    check_kind(scanner, RangeScanner, "scanner")
+    check_kind(parameters, (MclParameters, NoneType), "parameters")
     rows = as_poses(poses, "poses")
     readings = np.ascontiguousarray(np.atleast_2d(np.asarray(ranges, dtype=np.float64)))
     if readings.shape != (len(rows), scanner.beams):

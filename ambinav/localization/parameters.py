@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from ambinav.config import (
     Count,
@@ -15,6 +15,7 @@ from ambinav.config import (
     Share,
     Switch,
     check_fields,
+    check_kind,
     choice,
     from_mapping,
     integer,
@@ -22,9 +23,7 @@ from ambinav.config import (
 )
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import settings_for
-
-if TYPE_CHECKING:
-    from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.scanner import RangeScanner
 
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam", "beam_prob")
 RESAMPLING = ("systematic", "low_variance", "multinomial")
@@ -175,6 +174,7 @@ class MclParameters:
         Raises:
             InputError: a name is unknown, or a value makes no sense.
         """
+        check_kind(scanner, RangeScanner, "scanner")
         return cls.from_dict({**settings_for(scanner, given.get("laser_model_type")), **given})
 
     @classmethod
@@ -185,4 +185,5 @@ class MclParameters:
             InputError: a name is unknown (the nearest ones are offered), or a value makes no
                 sense.
         """
+        check_kind(values, Mapping, "values", "give a mapping of names to values")
         return from_mapping(cls, values)

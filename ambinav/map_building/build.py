@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -32,7 +31,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Bytes, Floats
 from ambinav.runtime.arrays import line_of_floats
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, silent, within
+from ambinav.runtime.progress import Progress, reporter, within
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -366,24 +365,3 @@ def _compute(
     sums[~possible] = np.nan
     report(1.0)
     return LatticeSums(sums, unknown, turning)
-
-
-@contextlib.contextmanager
-def reporter(progress: bool | Progress, title: str) -> Iterator[Progress]:
-    """Yield a function that takes the completed share, from 0 to 1.
-
-    Args:
-        progress: True: a bar on standard error; a function: that function; False: nothing.
-        title: What the bar is called.
-    """
-    if callable(progress):
-        yield progress
-    elif progress:
-        from rich.console import Console
-        from rich.progress import Progress as Bars
-
-        with Bars(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(title, total=1.0)
-            yield lambda share: bar.update(task, completed=share)
-    else:
-        yield silent

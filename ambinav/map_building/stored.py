@@ -9,6 +9,7 @@ from llvmlite import binding
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
@@ -89,6 +90,7 @@ def opened_or_computed(
     """
     if store is None:
         store = MapStore.of_user()
+    check_kind(store, MapStore, "store", "give True, False or a MapStore of a folder")
 
     def build(alive: Callable[[], None]) -> AmbiguityMap:
         def report_progress(share: float) -> None:

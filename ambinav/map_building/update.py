@@ -16,7 +16,7 @@ from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_buildin
 from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.map_building.build import computed_lattice, reporter
+from ambinav.map_building.build import computed_lattice
 from ambinav.map_building.map_change import SLACK, MapChange
 from ambinav.map_building.patch import Patch
 from ambinav.map_building.worth import ExpectedWork, build_seconds, is_small
@@ -25,7 +25,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.runtime.array_types import Bools, Bounds
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, within
+from ambinav.runtime.progress import Progress, reporter, within
 
 
 def updated(

@@ -11,12 +11,12 @@ import xarray as xr
 
 from ambinav.buildings.flight_levels import flight_levels
 from ambinav.casting.triangles import triangles_of
-from ambinav.config import as_number, as_positive
+from ambinav.config import as_number, as_positive, check_kind
 from ambinav.geometry.environment import Environment
-from ambinav.map_building.build import build_map, reporter
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_volume import SURFACES, AmbiguityVolume
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.progress import Progress, step_of
+from ambinav.runtime.progress import Progress, reporter, step_of
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def build_volume(
             f"heights is {heights!r}; give two or more that rise in equal steps, in metres."
         )
     robot_radius = as_positive(robot_radius, "robot_radius", "metres")
+    check_kind(env, Environment, "env", "give what `load_environment` returns")
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
     lift = max(_OVER - float(scanner.upright[:, 0].min()), 0.0)

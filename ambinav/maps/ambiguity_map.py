@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_flat, nearest
-from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
+from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach, check_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps import schema, store, updater
@@ -40,29 +40,29 @@ class AmbiguityMap:
 
     Attributes:
         dataset: All layers, the walls and, in attrs, the origin of everything.
-        source: File or URL from which it was read.
+        source: File or URL from which it was read; of other maps the name of the building.
     """
 
-    def __init__(self, dataset: xr.Dataset, *, source: str = "dataset") -> None:
+    def __init__(self, dataset: xr.Dataset, *, source: str | None = None) -> None:
         """Wrap a dataset made by `build_map` or read from disk.
 
         Args:
             dataset: Layers and attributes; see `ambinav.maps.schema`.
-            source: Named in error messages: where the dataset comes from.
+            source: Named in error messages: where the dataset comes from; None: the building.
 
         Raises:
             InputError: the dataset is not an ambiguity map; the message names what is missing.
         """
-        schema.check(dataset, source)
+        schema.check(dataset, source or "dataset")
         self.dataset = dataset
-        self.source = source
+        self.source = source or str(dataset.attrs["environment"])
         self._layers = schema.layers(dataset)
         self._free = np.ascontiguousarray(dataset["free"].values, dtype=np.bool_)
         headings = dataset.sizes.get("theta", 1)
         self._possible = np.repeat(self._free[:, :, np.newaxis], headings, axis=2)
         if "theta" in dataset["zone"].dims:
             self._possible &= dataset["zone"].transpose("y", "x", "theta").values != NOT_FREE
-        dx, dy = schema.spacings(dataset, source)
+        dx, dy = schema.spacings(dataset, self.source)
         self._origin = [float(dataset["x"].values[0]), float(dataset["y"].values[0]), 0.0]
         self._step = [dx, dy, 2.0 * math.pi]
         if self.has_theta:
@@ -212,11 +212,16 @@ class AmbiguityMap:
 
         Args:
             reach: Floor that it reaches (`ambinav.geometry.collision.reach.find_reach`).
+
+        Raises:
+            InputError: it is something else.
         """
+        check_reach(reach)
         return self._judged(FloorJudge.of(self.environment, reach))
 
     def for_robot(self, reach: Reach) -> AmbiguityMap:
         """Return the map with its floor judged for another robot, as in `judged_by`."""
+        check_reach(reach)
         if (self.judged.radius, self.judged.start) == (reach.radius, reach.start):
             return self
         layer = self.judged_by(reach).layer
@@ -248,9 +253,21 @@ class AmbiguityMap:
         return self._step[0] * self._step[1]
 
     def centres(self, mask: Bools) -> Floats:
-        """Return the centres of the cells of a mask of the floor, x and y, shape (N, 2), metres."""
-        row, column = np.nonzero(mask)
+        """Return the centres of the cells of a mask of the floor, x and y, shape (N, 2), metres.
+
+        Raises:
+            InputError: the mask has another shape than the floor.
+        """
+        row, column = np.nonzero(self._mask(mask))
         return np.column_stack([self.dataset["x"].values[column], self.dataset["y"].values[row]])
+
+    def _mask(self, mask: Bools) -> Bools:
+        mask = np.asarray(mask, dtype=np.bool_)
+        if mask.shape != self._free.shape:
+            raise InputError(
+                f"mask has the shape {mask.shape}; the map's lattice has {self._free.shape}."
+            )
+        return mask
 
     @property
     def possible(self) -> Bools:
@@ -388,12 +405,7 @@ class AmbiguityMap:
         """
         counted = self._free
         if mask is not None:
-            mask = np.asarray(mask, dtype=bool)
-            if mask.shape != self._free.shape:
-                raise InputError(
-                    f"mask has the shape {mask.shape}; the map's lattice has {self._free.shape}."
-                )
-            counted = self._free & mask
+            counted = self._free & self._mask(mask)
         zone = self.floor("zone", heading).values[counted].astype(np.intp)
         counts = np.bincount(zone[zone < len(ZONES)], minlength=len(ZONES))
         total = max(int(counts.sum()), 1)

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
+from ambinav.config import check_kind
 from ambinav.geometry.collision.reach import ROBOT_RADIUS
 from ambinav.maps import schema, store
 from ambinav.maps.address import Address
@@ -45,6 +46,9 @@ class AmbiguityVolume:
     """
 
     def __init__(self, dataset: xr.Dataset, source: str = "the volume") -> None:
+        check_kind(
+            dataset, xr.Dataset, source, "give a Dataset; `AmbiguityVolume.open` reads files"
+        )
         if "z" not in dataset.coords and {*schema.REQUIRED} <= {*map(str, dataset.data_vars)}:
             raise InputError(
                 f"{source}: this is an ambiguity map of one height, and a volume is needed here; "

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from ambinav.config import check_kind
 from ambinav.maps.core_layers import AGGREGATES as AGGREGATES
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.runtime.errors import InputError
@@ -128,6 +129,7 @@ def check(dataset: xr.Dataset, source: str) -> None:
     Raises:
         InputError: something is missing or has the wrong shape; the message names it.
     """
+    check_kind(dataset, xr.Dataset, source, "give a Dataset; `AmbiguityMap.open` reads files")
     if "z" in dataset.dims:
         raise InputError(
             f"{source}: this is an ambiguity volume, over several heights, and a map is needed "

@@ -11,8 +11,17 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
+from ambinav.runtime.errors import InputError
+
 FORMATS: Final = ("png", "svg")
 """In which the pictures of a report can be."""
+
+
+def check_format(image_format: str) -> None:
+    """Check the format of pictures, or raise `InputError`."""
+    if image_format not in FORMATS:
+        raise InputError(f"image_format is {image_format!r}; choose from {', '.join(FORMATS)}.")
+
 
 ZONE_COLOURS: Final = ("#5B9FCC", "#F7EBB5", "#FDB92E", "#B5172B")
 """Fill of each zone, in the order of `ambinav.maps.zones.ZONES`."""

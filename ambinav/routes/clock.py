@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import Positive, check_fields
+from ambinav.config import Positive, as_array, check_fields, check_kind
 from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.steering import Steering, checked_poses
 from ambinav.runtime.array_types import Bools, Floats, Indices
@@ -100,7 +100,13 @@ class SpeedProfile:
 
         Returns:
             Shape (T, 3).
+
+        Raises:
+            InputError: the times are no numbers, or of another shape.
         """
+        times = np.atleast_1d(as_array(times, "times", "seconds, shape (T,)"))
+        if times.ndim > 1:
+            raise InputError(f"times has the shape {times.shape}; give seconds, shape (T,).")
         # Where two points share a time the later one stands for it.
         keep = np.append(np.diff(self.stamps) > 0.0, True)
         columns = [np.interp(times, self.stamps[keep], row) for row in self.poses[keep].T]
@@ -161,6 +167,8 @@ def speed_profile(
             drive takes more than `LONGEST` seconds.
     """
     limits = SpeedLimits() if limits is None else limits
+    check_kind(limits, SpeedLimits, "limits")
+    check_kind(steering, Steering, "steering")
     route = steering.oriented(checked_poses(poses, "poses"))
     if len(route) < 2:
         raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
@@ -170,7 +178,7 @@ def speed_profile(
     here, change = np.diff(along) <= SAME, np.diff(heading)
     drop = here & (np.abs(change) <= SAME)
     first = np.searchsorted(leg, np.arange(len(route) - 1))
-    if not all(0 <= k <= len(first) for k in stops):
+    if not all(isinstance(k, int | np.integer) and 0 <= k <= len(first) for k in stops):
         raise InputError(
             f"stops is {reprlib.repr(list(stops))}; the route has the poses 0 to {len(first)}."
         )
@@ -264,7 +272,7 @@ def _reachable(fastest: Floats, lengths: Floats, acceleration: float) -> Floats:
 
 
 def _checked_bound(bound: ArrayLike) -> Floats:
-    rows = np.asarray(bound, dtype=np.float64)
+    rows = as_array(bound, "bound", "rows of metres along the route and m/s")
     if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
         raise InputError(
             f"bound has the shape {rows.shape}; give rows of metres along the route and m/s."

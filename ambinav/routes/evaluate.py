@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ambinav.config import as_array, check_kind
 from ambinav.geometry.frames import wrap_angles
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -61,6 +62,8 @@ def evaluate_route(
         InputError: fewer than two poses, poses or covariances of another shape, something in
             them is not finite, or a pose lies outside of the map.
     """
+    check_kind(service, AmbiguityService, "service")
+    check_kind(steering, Steering, "steering")
     route = steering.oriented(poses)
     if len(route) < 2:
         raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
@@ -224,7 +227,7 @@ def _up_to(parts: Floats) -> Floats:
 
 
 def _covariances(covariances: ArrayLike, count: int) -> Floats:
-    out = np.array(covariances, dtype=np.float64, order="C")
+    out = as_array(covariances, "covariances", "one of (3, 3) for each pose")
     if out.shape != (count, 3, 3):
         raise InputError(
             f"covariances has the shape {out.shape}; give one of (3, 3) for each of the "

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ambinav.config import checked, read_text
+from ambinav.config import check_kind, checked, read_text
 from ambinav.export.registry import EXPORTERS, Exporter, exporter, formats
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.routes import table
@@ -44,6 +44,7 @@ def save_route(route: Route, path: str | Path) -> None:
         InputError: another ending, or the place is not writable.
     """
     path = Path(path)
+    check_kind(route, Route, "route")
     exporter("route", path).written(route, path)
 
 

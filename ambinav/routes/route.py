@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.geometry.motion.steering import Steering
+from ambinav.config import as_array, check_kind
+from ambinav.geometry.motion.steering import POSES, Steering
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.clock import SpeedLimits, speed_profile
 from ambinav.routes.progress import Progress, progress_along
@@ -115,7 +116,8 @@ class Route:
             InputError: there are fewer than two points, of another shape, or not finite.
         """
         steering = steering or Steering()
-        poses = np.asarray(points, dtype=np.float64)
+        check_kind(steering, Steering, "steering")
+        poses = as_array(points, "points", POSES)
         if poses.ndim == 2 and poses.shape[1] == 2:
             poses = np.column_stack([poses, np.zeros(len(poses))])
         poses = steering.oriented(poses)

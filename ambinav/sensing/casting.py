@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.config import as_flat
+from ambinav.config.numbers import shown
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
@@ -17,6 +18,13 @@ if TYPE_CHECKING:
 
 # Rays cast in one go; three arrays of this size are held at a time (48 MB).
 RAYS_AT_ONCE = 4_000_000
+
+
+def is_in_space(env: Environment) -> bool:
+    """Return whether rays are cast in three dimensions; raise `InputError` for other objects."""
+    if not hasattr(env, "space"):
+        raise InputError(f"env is {shown(env)}; give what `load_environment` returns.")
+    return env.space is not None
 
 
 def cast_beams(

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import NonNegative, Positive, check_fields
+from ambinav.config import NonNegative, Positive, check_fields, check_generator
 from ambinav.runtime.array_types import Bools, Floats, Floats32
 from ambinav.runtime.errors import InputError
 
@@ -60,7 +60,12 @@ class Intensity:
         return 0.5 * math.erfc((self.wall - self.reflector) / (math.sqrt(8.0) * self.std))
 
     def read(self, reflects: ArrayLike, rng: np.random.Generator) -> Floats32:
-        """Simulate one reading of each surface, float32, of the shape of `reflects` (bool)."""
+        """Simulate one reading of each surface, float32, of the shape of `reflects` (bool).
+
+        Raises:
+            InputError: `rng` is no Generator.
+        """
+        check_generator(rng)
         bright = np.asarray(reflects, dtype=np.bool_)
         return self.reading(bright, rng.standard_normal(bright.shape))
 

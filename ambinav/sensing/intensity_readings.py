@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.runtime.array_types import Floats32
-from ambinav.sensing.casting import cast_reflectors
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.casting import cast_reflectors, is_in_space
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -40,11 +41,15 @@ def read_intensity(
         too near, or where the sensor has no such channel.
 
     Raises:
-        InputError: a pose is not finite.
+        InputError: a pose is not finite, or the readings have another shape.
     """
-    reflects = cast_reflectors(
-        env, scanner.rays(env.space is not None), scanner.max_range, x, y, theta
-    )
+    reflects = cast_reflectors(env, scanner.rays(is_in_space(env)), scanner.max_range, x, y, theta)
+    readings = np.asarray(readings, dtype=np.float32)
+    if readings.shape != reflects.shape:
+        raise InputError(
+            f"readings have the shape {readings.shape}; give what `RangeScanner.read` gave there, "
+            f"{reflects.shape}."
+        )
     intensities = np.full(readings.shape, np.nan, dtype=np.float32)
     for i, sensor in enumerate(scanner.sensors):
         if sensor.intensity is not None:

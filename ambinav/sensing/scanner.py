@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_count, as_number, check_kind, read_text
+from ambinav.config import as_array, as_count, as_number, check_generator, check_kind, read_text
 from ambinav.runtime.array_types import Floats32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
 from ambinav.runtime.input_suggestions import kind_of_path, refuse
 from ambinav.sensing.beams import Beams
-from ambinav.sensing.casting import cast_beams
+from ambinav.sensing.casting import cast_beams, is_in_space
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.layout import Mounts, Part, Planar, Ring, with_channel
 from ambinav.sensing.mounting import CENTRE, TURN, Mount
@@ -53,7 +53,7 @@ class RangeScanner(Beams):
         robot_radius: Radius of the disc that covers the robot, metres; None: not given.
 
     Raises:
-        InputError: there is no part, or the radius is not above zero.
+        InputError: there is no part, one has no sensor, or the radius is not above zero.
     """
 
     parts: tuple[Part, ...]
@@ -67,6 +67,8 @@ class RangeScanner(Beams):
         object.__setattr__(self, "parts", tuple(self.parts))
         if not self.parts:
             raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
+        for part in self.parts:
+            check_kind(part.sensor, RangeSensor, f"scanner {self.name!r}: the sensor")
         radius = self.robot_radius
         if radius is not None and not (math.isfinite(radius) and radius > 0.0):
             raise InputError(
@@ -166,7 +168,13 @@ class RangeScanner(Beams):
 
     @classmethod
     def mixed(cls, *scanners: RangeScanner, name: str = "mixed scanner") -> RangeScanner:
-        """Combine several scanners on one robot; their beams keep the given order."""
+        """Combine several scanners on one robot; their beams keep the given order.
+
+        Raises:
+            InputError: there is none, or one is no scanner.
+        """
+        for scanner in scanners:
+            check_kind(scanner, RangeScanner, "a scanner")
         sources = dict.fromkeys(s.source for s in scanners if s.source)
         parts = tuple(part for s in scanners for part in s.parts)
         # One robot carries them all: the largest disc covers it.
@@ -200,7 +208,7 @@ class RangeScanner(Beams):
             InputError: the shapes do not fit, or an index names no sensor.
         """
         models = (sensors,) if isinstance(sensors, RangeSensor) else tuple(sensors)
-        table = np.asarray(mounts, dtype=np.float64)
+        table = as_array(mounts, "mounts", "(beams, 3): x, y, yaw")
         if table.ndim != 2 or table.shape[1] != 3:
             raise InputError(f"mounts have the shape {table.shape}; give (beams, 3): x, y, yaw.")
         index = np.zeros(len(table), dtype=np.intp)
@@ -390,7 +398,7 @@ class RangeScanner(Beams):
             InputError: a pose is not finite, or the building and the scanner do not go together
                 (`casting.scans.check_rays`).
         """
-        return cast_beams(env, self.rays(env.space is not None), self.max_range, x, y, theta)
+        return cast_beams(env, self.rays(is_in_space(env)), self.max_range, x, y, theta)
 
     def read(
         self,
@@ -424,9 +432,7 @@ class RangeScanner(Beams):
             InputError: the last axis is not B long, a true range is NaN or negative, or `rng` is
                 no Generator.
         """
-        check_kind(
-            rng, np.random.Generator, "rng", "give a numpy Generator, such as default_rng(1)"
-        )
+        check_generator(rng)
         ranges = np.asarray(true_ranges)
         if ranges.shape[-1:] != (self.beams,):
             raise InputError(

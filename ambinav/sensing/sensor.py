@@ -7,13 +7,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_number, from_mapping, parse_yaml, read_text
+from ambinav.config import (
+    as_array,
+    as_number,
+    check_generator,
+    check_kind,
+    from_mapping,
+    parse_yaml,
+    read_text,
+)
 from ambinav.runtime.array_types import Floats, Floats32, Indices
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
@@ -80,6 +89,7 @@ class RangeSensor:
         place = f"sensor {self.name!r}: " if self.name else "sensor: "
         for key in NUMBERS:
             object.__setattr__(self, key, as_number(getattr(self, key), place + key))
+        check_kind(self.intensity, (Intensity, NoneType), place + "intensity")
         for key in ("bias", "std"):
             object.__setattr__(self, key, curves.as_curve(getattr(self, key), place + key))
         if self.max_incidence is not None:
@@ -155,8 +165,9 @@ class RangeSensor:
             float32, same shape: the centre of the bin in metres, -inf too near, inf no echo.
 
         Raises:
-            InputError: a true range is NaN or negative.
+            InputError: a true range is NaN or negative, or `rng` is no Generator.
         """
+        check_generator(rng)
         d = _true_ranges(true_range)
         value = d + self.bias_at(d) + self.std_at(d) * rng.standard_normal(d.shape)
         too_near, no_echo = value < self.min_range, value >= self.max_range
@@ -290,7 +301,7 @@ def _modelled(plain: dict[str, Any], where: str) -> RangeSensor:
 
 
 def _true_ranges(values: ArrayLike) -> Floats:
-    d = np.asarray(values, dtype=np.float64)
+    d = as_array(values, "true range", "metres of at least 0, or inf for no echo")
     usable = d >= 0
     if not usable.all():
         raise InputError(

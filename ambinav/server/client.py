@@ -8,13 +8,14 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import NoneType
 from typing import Any, Final, Self, TypeVar, overload
 from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_flat, as_nonnegative, as_number
+from ambinav.config import as_flat, as_nonnegative, as_number, check_kind
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Floats
@@ -87,6 +88,8 @@ class Client(AmbiguityService):
     ) -> None:
         if token is not None and not (token.isascii() and token.isprintable()):
             raise InputError("token has characters that no token has; give printable ASCII.")
+        check_kind(url, str, "url", "give e.g. http://127.0.0.1:8765")
+        check_kind(map, (str, NoneType), "map", "give the id of a map")
         as_number(patience, "patience")
         need("ambinav.Client", ("httpx",), "serve")
         import httpx
@@ -175,7 +178,7 @@ class Client(AmbiguityService):
         self.close()
 
     def close(self) -> None:
-        """Close the connections to the server, for all weights."""
+        """Close the connections to the server, for all weights; later requests are refused."""
         self._http.close()
 
     @property
@@ -280,9 +283,15 @@ class Client(AmbiguityService):
         return self._repeated(attempt, patience)
 
     def _repeated(self, attempt: Callable[[], T], patience: float | None = None) -> T:
-        """Return the result of an attempt, repeated while the server is gone or busy."""
+        """Return the result of an attempt, repeated while the server is gone or busy.
+
+        Raises:
+            InputError: the client is closed.
+        """
         import httpx
 
+        if self._http.is_closed:
+            raise InputError(f"the client of {self._connection[0]} is closed; make a new one.")
         end = time.monotonic() + (self._connection[2] if patience is None else patience)
         pause, closed = PAUSE, False
         while True:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import replace
+from types import NoneType
 from typing import overload
 
 import numpy as np
@@ -12,8 +13,8 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.config import as_arrays, as_nonnegative, as_positive
-from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
+from ambinav.config import as_arrays, as_nonnegative, as_positive, check_kind
+from ambinav.geometry.motion.steering import FACING, POSES, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.array_types import Bools, Floats, Floats32
@@ -81,6 +82,7 @@ class AmbiguityService:
         outside_weight = as_nonnegative(outside_weight, "outside_weight")
         clearance_weight = as_nonnegative(clearance_weight, "clearance_weight")
         power, comfort = as_positive(power, "power"), as_positive(comfort, "comfort", "metres")
+        check_kind(amap, AmbiguityMap, "amap")
         if layer is None:
             layer = amap.cost_layer
         amap.floor(layer)
@@ -280,7 +282,11 @@ class AmbiguityService:
         return replace(self.ambiguity, values=density)
 
     def motion_costs(self, a: Floats, b: Floats, steering: Steering) -> Floats:
-        """Compute the cost of each motion from poses a to b, (N, 3) each; shape (N,)."""
+        """Compute the cost of each motion from poses a to b, (N, 3) each; shape (N,).
+
+        Raises:
+            InputError: the poses are not of that shape, or not equally many.
+        """
         return _motions(self.density, a, b, steering)
 
     def motion_exposures(self, a: Floats, b: Floats, steering: Steering) -> Floats:
@@ -299,6 +305,7 @@ class AmbiguityService:
         self, field: Field, start: Pose, end: Pose, steering: Steering | None
     ) -> Floats | float:
         (x0, y0, theta0), (x1, y1, theta1) = start, end
+        check_kind(steering, (Steering, NoneType), "steering")
         if steering is not None and steering.turns and (theta0 is None or theta1 is None):
             raise InputError(f"{steering.space} needs headings; give theta0 and theta1.")
         if steering is None or steering.kind != FACING:
@@ -353,12 +360,19 @@ def _outside(amap: AmbiguityMap, shape: BaseGeometry) -> Bools:
 
 
 def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
-    """Integrate a field over each motion from a to b."""
+    """Integrate a field over each motion from a to b.
+
+    Raises:
+        InputError: the poses are not of one shape (N, 3).
+    """
+    check_kind(steering, Steering, "steering")
+    a, b = (np.ascontiguousarray(poses, dtype=np.float64) for poses in (a, b))
+    if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 3:
+        raise InputError(f"a and b have the shapes {a.shape} and {b.shape}; give {POSES}, each.")
     parts = np.empty(len(a))
     values, _, left, low, inverse = field.arrays
     motion_integrals(
-        steering.kind, steering.kernel_radius, np.ascontiguousarray(a), np.ascontiguousarray(b),
-        values, left, low, inverse, parts,
+        steering.kind, steering.kernel_radius, a, b, values, left, low, inverse, parts,
     )  # fmt: skip
     return parts
 

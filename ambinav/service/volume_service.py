@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_flat, as_nonnegative
+from ambinav.config import as_array, as_flat, as_nonnegative, check_kind
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.array_types import Floats, Floats32
@@ -46,6 +46,7 @@ class VolumeService:
     ) -> None:
         from scipy.ndimage import distance_transform_edt
 
+        check_kind(volume, AmbiguityVolume, "volume")
         self.weight = as_nonnegative(weight, "weight")
         self.volume = volume
         self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
@@ -68,6 +69,10 @@ class VolumeService:
         x, y, z = (float(volume.dataset[name].values[0]) for name in ("x", "y", "z"))
         self._origin = x, y, z
         self._scales = (1.0 / volume.spacing, 1.0 / volume.step)
+
+    def __repr__(self) -> str:
+        """Return layer, weight and volume as text."""
+        return f"VolumeService(layer={self.layer!r}, weight={self.weight:g}, {self.volume!r})"
 
     def cost(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Floats | float:
         """Compute the cost per metre; arrays broadcast, plain numbers give a plain number.
@@ -128,7 +133,7 @@ class VolumeService:
         Raises:
             InputError: they are not of that shape or not finite, or leave the volume.
         """
-        route = np.ascontiguousarray(points, dtype=np.float64)
+        route = as_array(points, "points", "x, y, z in metres, shape (N, 3)")
         if route.ndim != 2 or route.shape[1] != 3 or not np.isfinite(route).all():
             raise InputError("points are not rows of three finite numbers; give x, y, z in metres.")
         self.volume.check_height(route[:, 2])

@@ -18,7 +18,7 @@ import xarray as xr
 from ambinav.ambiguity.dataset import judged_radius, labels, with_building
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.map_building.build import MapSettings, reporter
+from ambinav.map_building.build import MapSettings
 from ambinav.map_building.same_code import do_all
 from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address, reason_of
@@ -28,7 +28,7 @@ from ambinav.maps.store import check_target
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import move_onto
-from ambinav.runtime.progress import Progress
+from ambinav.runtime.progress import Progress, reporter
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.tiles.claim import claimed

@@ -18,6 +18,7 @@ from ambinav.config import (
     Share,
     Switch,
     check_fields,
+    check_kind,
     fault,
     from_mapping,
     integer,
@@ -371,6 +372,7 @@ class NavigationParameters:
         Raises:
             InputError: a name is unknown (the nearest is offered), or a value makes no sense.
         """
+        check_kind(values, Mapping, "values", "give a mapping of names to values")
         return from_mapping(cls, values)
 
     @property

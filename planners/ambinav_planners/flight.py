@@ -13,6 +13,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from ambinav.casting.triangles import triangles_of
+from ambinav.config import check_kind
 from ambinav.geometry.collision.sphere import SphereChecker, sphere_free
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
@@ -108,6 +109,7 @@ class FlightPlanner:
     ) -> None:
         if isinstance(service_or_volume, AmbiguityVolume):
             service_or_volume = VolumeService(service_or_volume)
+        check_kind(service_or_volume, VolumeService, "service_or_volume")
         volume = service_or_volume.volume
         if env is None:
             surfaces = volume.surfaces

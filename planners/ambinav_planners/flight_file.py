@@ -8,7 +8,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ambinav.config import ConfigModel, NonNegative, Number, Positive, checked, read_text
+from ambinav.config import (
+    ConfigModel,
+    NonNegative,
+    Number,
+    Positive,
+    check_kind,
+    checked,
+    read_text,
+)
 from ambinav.routes.table import parsed
 from ambinav.runtime.errors import InputError
 from ambinav.service.volume_service import VolumeService
@@ -66,6 +74,7 @@ def load_flight(path: str | Path, service: VolumeService) -> FlightRoute:
         InputError: there is no such file, or it is no route through space; the message names the
             line or field and the value; or the route leaves the heights of the volume.
     """
+    check_kind(service, VolumeService, "service")
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ambinav.config import check_kind
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
@@ -62,6 +63,7 @@ def pareto(
     Raises:
         InputError: fewer than two weights, or what `RoutePlanner.plan` refuses.
     """
+    check_kind(robot, RoutePlanner, "robot")
     if robot.priced_graph is not None:
         raise InputError("a front is of routes over all free floor; leave route_graph out.")
     ordered = sorted(set(weights))

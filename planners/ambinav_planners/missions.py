@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
+from ambinav.config import check_kind
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
 from ambinav.runtime.array_types import Floats, Pose
@@ -114,6 +115,8 @@ def plan_mission(
         InputError: the robot does not fit at a stop, or there is a choice and the robot is no disc
             in r2, or more than `MOST_STOPS` stops.
     """
+    check_kind(robot, RoutePlanner, "robot")
+    check_kind(mission, Mission, "mission")
     checker = robot.checker
     start = check_pose("start", mission.start, checker)
     stops = [check_pose(f"via[{k}]", stop, checker) for k, stop in enumerate(mission.via)]

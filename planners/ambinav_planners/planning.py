@@ -114,7 +114,8 @@ class RoutePlanner:
             ("one_way", one_way, OneWayLanes), ("route_graph", route_graph, RouteGraph),
         ):  # fmt: skip
             if value is not None:
-                check_kind(value, kind, name, f"give a {kind.__name__}")
+                check_kind(value, kind, name)
+        check_kind(service_or_map, (AmbiguityService, AmbiguityMap), "service_or_map")
         self.belief = BeliefModel() if belief is None else belief
         self.odometry = OdometryNoise() if odometry is None else odometry
         self.service = (

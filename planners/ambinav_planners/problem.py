@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import check_kind
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
@@ -92,6 +93,8 @@ def make_checker(
             counts as open by its mean over heading.
         keep_out: Forbid the cells that meet this polygon too, map frame, metres.
     """
+    check_kind(service, AmbiguityService, "service")
+    check_kind(footprint, Footprint, "footprint", "give a Footprint, such as Footprint.disc")
     amap = service.map
     forbidden = None
     if avoid_open:

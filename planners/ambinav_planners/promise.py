@@ -16,10 +16,11 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 
-from ambinav.config import as_count, as_number
+from ambinav.config import as_count, as_number, check_kind
 from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner, least_shown
 from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.routes.evaluate import evaluate_route
@@ -129,6 +130,9 @@ def route_within(
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
     if runner is not None:
         _check_runs(runs, max_lost)
+    check_kind(robot, RoutePlanner, "robot")
+    check_kind(forecaster, Forecaster, "forecaster")
+    check_kind(runner, (EnsembleRunner, NoneType), "runner")
     rng = np.random.default_rng(seed) if rng is None else rng
     trials = _Trials(forecaster, max_lost, runner, rng, runs)
     chosen = planner_name_or_default(

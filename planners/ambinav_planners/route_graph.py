@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ambinav.buildings.drawn_items import KINDS
+from ambinav.config import as_array
 from ambinav.config.numbers import shown
 from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.array_types import Bools, Floats, Ints32
@@ -45,8 +47,20 @@ class RouteGraph:
     edges: tuple[Properties, ...]
 
     @classmethod
-    def numbered(cls, source: str, xy: Floats, pairs: Ints32) -> RouteGraph:
-        """Create a graph without properties but its ids, which start at 1 and are distinct."""
+    def numbered(cls, source: str, xy: ArrayLike, pairs: ArrayLike) -> RouteGraph:
+        """Create a graph without properties but its ids, which start at 1 and are distinct.
+
+        Args:
+            source: See the class, as the other two.
+            xy: Shape (N, 2).
+            pairs: Indices of nodes, shape (E, 2).
+
+        Raises:
+            InputError: a pair names no node.
+        """
+        xy, pairs = as_array(xy, "xy", "x and y, (N, 2)"), np.asarray(pairs, dtype=np.int32)
+        if not ((pairs >= 0) & (pairs < len(xy))).all():
+            raise InputError(f"{source}: a pair names none of the {len(xy)} nodes, from 0 on.")
         nodes = ({"id": k, "frame": "map"} for k in range(1, len(xy) + 1))
         edges = (
             {"id": k, "startid": a + 1, "endid": b + 1}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.casting.space import Scans, SpaceRays, unit_rays
+from ambinav.config import as_array
 from ambinav.runtime.array_types import Bytes, Floats, Floats32, Ints32
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.packages import need
@@ -58,8 +59,17 @@ class Mesh:
         voxel: float = 0.0,
     ) -> None:
         where = str(source) if source is not None else name
-        points = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
-        corners = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1, 3)
+        tables = [
+            as_array(values, f"{where}: {noun}", "numbers, three in a row")
+            for noun, values in (("vertices", vertices), ("faces", faces))
+        ]
+        for noun, table in zip(("vertices", "faces"), tables, strict=True):
+            if table.size and (table.ndim != 2 or table.shape[1] != 3):
+                raise InputError(
+                    f"{where}: {noun} have the shape {table.shape}; give three numbers in a row."
+                )
+        points = tables[0].reshape(-1, 3)
+        corners = tables[1].reshape(-1, 3).astype(np.int64)
         if not np.isfinite(points).all():
             raise InputError(f"{where}: a vertex is not finite; repair the mesh.")
         if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):

@@ -22,6 +22,7 @@ from ambinav.casting.prisms.rays import NOWHERE, PrismRays
 from ambinav.casting.prisms.scans import cast_single
 from ambinav.casting.ray_packets import packets_of
 from ambinav.casting.space import SpaceRays, unit_rays
+from ambinav.config import check_kind
 from ambinav.geometry.segments import WALL, Segments, edges_of
 from ambinav.runtime.array_types import Bools, Bytes, Floats, Indices, Ints, Ints32
 from ambinav.runtime.errors import InputError
@@ -127,6 +128,8 @@ class Prisms(PrismCaster):
         ceiling: float | None = None,
         free: BaseGeometry | None = None,
     ) -> None:
+        for solid in solids:
+            check_kind(solid, Solid, "prisms: a solid")
         ends = np.asarray(xy, dtype=np.float64).reshape(-1, 4)
         heights = np.asarray(z, dtype=np.float64).reshape(-1, 2)
         kinds = np.zeros(len(ends)) if kind is None else np.asarray(kind).reshape(-1)

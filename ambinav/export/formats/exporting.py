@@ -7,7 +7,9 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 
+from ambinav.config import check_kind
 from ambinav.export.formats.inputs import drive_on, only_route
 from ambinav.export.options import ExportOptions, MapExport
 from ambinav.export.registry import EXPORTERS, Exporter
@@ -42,6 +44,8 @@ def export_map(
         InputError: there is no such exporter (the nearest are offered), an option does not suit
             it, a package is missing, or a file is there.
     """
+    check_kind(amap, AmbiguityMap, "amap")
+    check_kind(options, (ExportOptions, NoneType), "options")
     options, path = options or ExportOptions(), Path(output)
     exporter, names = prepare(kind, path, options, overwrite)
     name = path.absolute().name  # also of "."

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
+from ambinav.config import check_kind
 from ambinav.geometry.collision.forbidden import is_forbidden
 from ambinav.geometry.collision.obstacles import Arrays, pack
 from ambinav.geometry.collision.sweep import motion_free as motion_free
@@ -86,6 +87,10 @@ class CollisionChecker:
         spacing: float = 1.0,
         simulated: bool = False,
     ) -> None:
+        check_kind(environment, Environment, "environment")
+        check_kind(footprint, Footprint, "footprint", "give a Footprint, such as Footprint.disc")
+        check_kind(steering, Steering, "steering")
+        forbidden = None if forbidden is None else np.asarray(forbidden, dtype=np.bool_)
         self.environment = environment
         self.geometry = environment if simulated else environment.collision
         self.has_forbidden = forbidden is not None and bool(forbidden.any())

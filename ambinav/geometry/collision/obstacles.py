@@ -79,10 +79,10 @@ def pack(
         cells = np.ascontiguousarray(forbidden, dtype=np.bool_)
     if cells.ndim != 2:
         raise InputError(f"forbidden has {cells.ndim} axes; give rows and columns of cells.")
-    if not (all(map(math.isfinite, (*origin, spacing))) and spacing > 0.0):
+    if not (len(origin) == 2 and all(map(math.isfinite, (*origin, spacing))) and spacing > 0.0):
         raise InputError(
-            f"forbidden: the origin is {tuple(origin)} and the spacing {spacing}; give finite "
-            "metres and a spacing above 0."
+            f"forbidden: the origin is {tuple(origin)} and the spacing {spacing}; give two "
+            "finite numbers of metres and a spacing above 0."
         )
     if environment not in _lattices:
         _lattices[environment] = _clearances(environment)

@@ -21,6 +21,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import as_positive, check_kind
+from ambinav.config.numbers import shown
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
@@ -109,6 +111,11 @@ def find_reach(
     return reach
 
 
+def check_reach(reach: Reach) -> None:
+    """Check that an argument `reach` is one, or raise `InputError`."""
+    check_kind(reach, Reach, "reach", "give what `find_reach` returns")
+
+
 def reach_of(
     environment: Environment,
     radius: float,
@@ -132,23 +139,20 @@ def reach_of(
         InputError: the radius is not above zero, the disc does not fit at the start, or it fits
             nowhere (`FitsNowhereError`).
     """
-    key = float(radius), None if start is None else tuple(map(float, start))
+    check_kind(environment, Environment, "environment")
+    key = as_positive(radius, "robot radius", "metres"), None if start is None else _pair(start)
     by_key = _known.setdefault(environment, {})
     if key not in by_key:
-        by_key[key] = _reach_of(environment, radius, start, before)
+        by_key[key] = _reach_of(environment, *key, before)
     return by_key[key]
 
 
 def _reach_of(
     environment: Environment,
     radius: float,
-    start: Sequence[float] | None,
+    start: tuple[float, float] | None,
     before: tuple[BaseGeometry, Sequence[Bounds]] | None,
 ) -> Reach:
-    if not (math.isfinite(radius) and radius > 0.0):
-        raise InputError(
-            f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
-        )
     fits = (
         room_for(environment, radius) if before is None else _patched(environment, radius, *before)
     )
@@ -316,17 +320,28 @@ def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
     return 0
 
 
+def _pair(start: Sequence[float]) -> tuple[float, float]:
+    """Return the start as x and y, or raise `InputError`."""
+    try:
+        x, y = map(float, start)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(
+            f"from {shown(start)}: give two finite numbers of metres in the map frame."
+        )
+    return x, y
+
+
 def _checked_start(
-    environment: Environment, radius: float, start: Sequence[float], fits: BaseGeometry
+    environment: Environment, radius: float, start: tuple[float, float], fits: BaseGeometry
 ) -> tuple[float, float]:
-    """Return the start as x and y.
+    """Return the start.
 
     Raises:
-        InputError: it is not finite, or the disc does not fit there; then with the nearest place.
+        InputError: the disc does not fit there; the message has the nearest place.
     """
-    x, y = (float(value) for value in start)
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputError(f"from ({x}, {y}): give two finite numbers of metres in the map frame.")
+    x, y = start
     point = shapely.Point(x, y)
     if fits.distance(point) <= SLACK:
         return x, y

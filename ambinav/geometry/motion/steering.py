@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.config import as_positive
+from ambinav.config import as_array, as_positive
 from ambinav.geometry.motion.curves import DUBINS as DUBINS
 from ambinav.geometry.motion.curves import FACING as FACING
 from ambinav.geometry.motion.curves import REEDS_SHEPP as REEDS_SHEPP
@@ -24,6 +24,8 @@ MOST_POINTS: Final = 50_000_000
 """Points that a route is sampled at, at the most."""
 TOO_MANY: Final = 1e12
 """Counted as so many, more do not overflow."""
+POSES: Final = "poses x, y, theta in the shape (N, 3)"
+"""What messages ask for where poses are wanted."""
 KINDS = {"r2": FACING, "se2": STRAIGHT, "dubins": DUBINS, "reeds-shepp": REEDS_SHEPP}
 """Names of the spaces, and the codes that kernels take for their kinds of motion."""
 
@@ -142,7 +144,7 @@ class Steering:
         Raises:
             InputError: see `checked_poses`.
         """
-        array = np.asarray(poses, dtype=np.float64)
+        array = as_array(poses, "poses", POSES)
         if self.kind == FACING and array.ndim == 2 and array.shape[1] == 2:
             array = np.column_stack([array, np.zeros(len(array))])
         route = checked_poses(array, "poses")
@@ -164,11 +166,9 @@ def checked_poses(poses: ArrayLike, name: str) -> Floats:
     Raises:
         InputError: they are not of that shape, or not finite.
     """
-    out = np.array(poses, dtype=np.float64, order="C")
+    out = as_array(poses, name, POSES)
     if out.ndim != 2 or out.shape[1] != 3:
-        raise InputError(
-            f"{name} has the shape {out.shape}; give poses x, y, theta in the shape (N, 3)."
-        )
+        raise InputError(f"{name} has the shape {out.shape}; give {POSES}.")
     if not np.isfinite(out).all():
         row = int(np.flatnonzero(~np.isfinite(out).all(axis=1))[0])
         raise InputError(

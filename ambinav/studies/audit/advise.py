@@ -11,6 +11,7 @@ import numpy as np
 from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.number_text import metres2, percent
+from ambinav.runtime.errors import InputError
 from ambinav.runtime.progress import Progress, silent, within
 from ambinav.studies.audit.audit import Audit
 from ambinav.studies.audit.counterfactual.posts import could_pay, find_posts
@@ -50,6 +51,8 @@ def advise(
         gate: The gate that the audit is to pass; None: there is none.
         progress: Called with the share done.
     """
+    if posts is not None and posts < 0:
+        raise InputError(f"posts: {posts} is negative; give 0 or more.")
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area
     if not result.area:
         return replace(result, verdict=Verdict("unknown", _unexplored_sentence(result), before))

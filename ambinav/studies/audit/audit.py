@@ -208,6 +208,8 @@ def audit(
     Warns:
         InputWarning: see `find_reach`.
     """
+    check_kind(amap, AmbiguityMap, "amap")
+    check_kind(environment, Environment, "environment")
     check_kind(scanner, RangeScanner, "scanner", "give a RangeScanner, such as of from_preset")
     if places < 0:
         raise InputError(f"places: {places} is negative; give 0 or more.")

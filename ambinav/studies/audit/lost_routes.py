@@ -14,7 +14,7 @@ from ambinav.drive.odometries import odometry_name
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.forecasting.localizer_class import LocalizerClass
-from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.collision.reach import Reach, check_reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.fields import Metres, Part, Share
@@ -92,6 +92,7 @@ def find_lost_routes(
         InputError: the robot does not fit at a place, a trip has no route, or no route can be
             sampled, as in a building of a single place; or what `Forecaster` refuses.
     """
+    check_reach(reach)
     if not routes:
         routes = (
             trip_routes(environment, reach, trips, "trips")

@@ -10,6 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
+from ambinav.config import check_kind
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
@@ -59,6 +60,8 @@ def write_audit(
     Raises:
         InputError: see `RunFolder.check`; or the place is not writable.
     """
+    check_kind(audit, Audit, "audit", "give what `audit` returns")
+    style.check_format(image_format)
     path = STUDY.folder.check(folder).absolute()
     if draw is None:
         with drawing() as draw:

@@ -7,10 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from ambinav.config import as_count, check_kind
 from ambinav.layers.registry import on_request
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
+from ambinav.plotting.style import check_format
 from ambinav.reports.parameters import scenario_parameters
 from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
@@ -75,6 +77,9 @@ def compare_routes(
             `drive_all`; another call is at work in `folder`; or a script calls this that is not
             guarded (`check_guarded`).
     """
+    check_kind(loaded, ScenarioBundle, "loaded", "give what `load_scenario` returns")
+    jobs = as_count(jobs, "jobs")
+    check_format(image_format)
     check_guarded("compare_routes")
     out = STUDY.folder.check(folder)
     with loaded.named():

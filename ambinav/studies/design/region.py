@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.buildings.drawn_items import load_region
+from ambinav.config import check_kind
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
@@ -165,6 +166,7 @@ class Region:
         Raises:
             InputError: it covers no distance.
         """
+        check_kind(route, Route, "route")
         if not route.steering.lengths(route.poses[:-1], route.poses[1:]).sum() > 0.0:
             raise InputError(f"region {title}: the route covers no distance; give a longer one.")
         return cls(title, "route", route=route)

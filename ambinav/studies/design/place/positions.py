@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from types import NoneType
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import check_kind
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.array_types import Bools, Ints
 from ambinav.runtime.errors import InputError
@@ -36,6 +38,7 @@ def check_zones(keep_out: BaseGeometry | None, environment: Environment) -> None
     Raises:
         InputError: they lie beside it.
     """
+    check_kind(keep_out, (BaseGeometry, NoneType), "keep_out", "give a shapely geometry")
     if keep_out is not None and not keep_out.intersects(shapely.box(*environment.bounds)):
         west, south, east, north = (f"{value:.4g}" for value in environment.bounds)
         raise InputError(

@@ -13,7 +13,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.mesh.mesh import Mesh
-from ambinav.geometry.collision.reach import Reach
+from ambinav.config import check_generator, check_kind
+from ambinav.geometry.collision.reach import Reach, check_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -70,6 +71,10 @@ class Remedy:
     optima: tuple[OptimumPart, ...] = ()
     coverage: CoveragePart | None = None
     aged: AgedPart | None = None
+
+    def __repr__(self) -> str:
+        """Return building and obstacles as text."""
+        return f"<Remedy of {self.environment.name!r}: {len(self.chosen)} {self.rules.kind}s>"
 
     @property
     def unit(self) -> str:
@@ -157,6 +162,10 @@ def place_obstacles(
             robot, no bad floor in the regions, fewer places than obstacles, aged buildings
             without `rng` or of a mesh, or see `PlaceRules.suited` and `Positions`.
     """
+    check_reach(reach)
+    check_kind(rules, PlaceRules, "rules")
+    if rng is not None:
+        check_generator(rng)
     rules = checked_rules(environment, scanner, rules, count, reach, aged=aged, keep_out=keep_out)
     regions = tuple(regions) or (Region.of_map(),)
     if aged and rng is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.scans import plane_only
-from ambinav.geometry.collision.reach import Reach
+from ambinav.config import check_kind
+from ambinav.geometry.collision.reach import Reach, check_reach
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.reflectors.positioning import Positioning, Site
@@ -186,6 +188,10 @@ def plan_reflectors(
         InputError: a building in space, a scanner without intensities, a passage narrower than the
             robot, no floor that counts, too many places for the memory, or see `Positions`.
     """
+    check_reach(reach)
+    check_kind(rules, (ReflectorRules, NoneType), "rules")
+    if count < 0:
+        raise InputError(f"count: {count} is negative; give 0 or more.")
     check_reflectors(environment, scanner, reach, positions, keep_out)
     rules = rules or ReflectorRules()
     context = LayerContext.of(amap, environment, scanner)

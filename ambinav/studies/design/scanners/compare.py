@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from ambinav.config import check_generator
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.layers.registry import chosen_layers
@@ -210,6 +211,8 @@ def compare_scanners(
     chosen, remarks = mounted_in(environment, distinct(scanners), height)
     names = (layers,) if isinstance(layers, str) else tuple(layers)
     chosen_layers(names, None)
+    if rng is not None:
+        check_generator(rng)
     if pairs < 0:
         raise InputError(f"pairs: {pairs} is negative; give 0 or more.")
     if costs is not None:

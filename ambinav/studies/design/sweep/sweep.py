@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import NoneType
 from typing import Final
 
 import numpy as np
 
 from ambinav.casting.scans import GIVE_HEIGHTS, check_rays
-from ambinav.config import as_count
+from ambinav.config import as_count, check_kind
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
@@ -277,6 +278,9 @@ def sweep_scanner(
     Warns:
         InputWarning: see `find_reach`.
     """
+    check_kind(region, (Region, NoneType), "region")
+    if seed < 0:
+        raise InputError(f"seed is {seed}; give a whole number from 0 on.")
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
     if criterion not in CRITERIA:
