@@ -13,10 +13,6 @@ from ambinav.runtime.errors import InputError
 def reading(path: Path, kind: str) -> Iterator[None]:
     """Raise `InputError` for a damaged file, whose entities lack what its format requires.
 
-    Args:
-        path: The file.
-        kind: What it is, such as "IFC".
-
     Raises:
         InputError: something went wrong within.
     """

@@ -18,12 +18,7 @@ RELIABILITY: Final = "lost_probability_reliability"
 
 
 def forecast_document(forecast: Forecast, odometry: str) -> dict[str, Any]:
-    """Return a forecast as plain data, metres and radians.
-
-    Args:
-        forecast: The forecast.
-        odometry: Name of its odometry.
-    """
+    """Return a forecast as plain data, metres and radians."""
     error = forecast.expected_error
     return {
         "lost_probability": forecast.lost_probability,

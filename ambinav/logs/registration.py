@@ -63,10 +63,6 @@ def register(log: Log, environment: Environment) -> Registration:
 
     Judge a localizer on scans that the motion was not found with (`log.chosen`).
 
-    Args:
-        log: Scans with poses.
-        environment: The map.
-
     Raises:
         InputError: the log has no poses, most of them lie outside of the map, or no beam of it
             returns.

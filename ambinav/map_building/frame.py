@@ -13,14 +13,7 @@ from ambinav.runtime.array_types import Floats
 
 @dataclass(frozen=True)
 class Frame:
-    """Lattice points from a first column and row on, counted in spacings.
-
-    Attributes:
-        column: The first.
-        row: The first.
-        columns: How many.
-        rows: How many.
-    """
+    """Lattice points from a first column and row on, counted in spacings."""
 
     column: int
     row: int

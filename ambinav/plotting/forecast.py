@@ -27,12 +27,7 @@ _CAUSES: Final = 5
 
 
 def plot_forecast(amap: AmbiguityMap, forecast: Forecast) -> Figure:
-    """Draw a route on the zones, the stretches that lose robots, and the curves over its length.
-
-    Args:
-        amap: The map.
-        forecast: The forecast of the route.
-    """
+    """Draw a route on the zones, the stretches that lose robots, and the curves over its length."""
     figure = new_figure(_WIDTH, 8.0)
     above, below = figure.subplots(2, 1, height_ratios=(3.0, 1.2))
     floor = FloorFigure(amap, above, floor_title(amap, "Forecast", "mean", ZONES_OF_ALL))

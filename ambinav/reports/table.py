@@ -47,11 +47,7 @@ class Cell(Generic[Kind]):
 
 
 class Cells(Generic[Kind]):
-    """Common part of all rows of figures.
-
-    Attributes:
-        cells: The figures in their order.
-    """
+    """Common part of all rows of figures."""
 
     cells: tuple[Cell[Kind], ...]
 
@@ -76,12 +72,7 @@ def value_text(cell: Cell[Kind], *, brief: bool = False) -> str:
 
 
 def difference_text(cell: Cell[Kind], *, bold: bool = False) -> str:
-    """Format the difference from the baseline with its interval and signs.
-
-    Args:
-        cell: The figure.
-        bold: Bold in Markdown where the difference is shown.
-    """
+    """Format the difference from the baseline with its interval and signs."""
     if cell.difference is None:
         return ""
     text = interval_text(cell.difference, cell.figure.digits, "+")

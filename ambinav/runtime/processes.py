@@ -57,10 +57,6 @@ class ChildProcess:
             not survive a fork.
         target: What it runs, given its end of the connection and `args`; it calls `begin_worker`.
         args: Further arguments.
-
-    Attributes:
-        line: This end of the connection.
-        process: The process.
     """
 
     def __init__(self, method: str, target: Callable[..., None], *args: Any) -> None:

@@ -28,11 +28,6 @@ def prepare_processes(module: str) -> None:
 def do_in_processes(queue: WorkQueue[Task, Done], work: Work[Task, Done], count: int) -> None:
     """Do all tasks in separate processes, on one thread each.
 
-    Args:
-        queue: The tasks.
-        work: What is done with each.
-        count: How many processes.
-
     Raises:
         InputError: the work raised it.
         RuntimeError: the work raised another error, or see `queue.lost`.

@@ -61,12 +61,7 @@ class Metrics:
 
 
 class Observer:
-    """Middleware that measures and logs requests.
-
-    Args:
-        app: The observed application.
-        metrics: Figures to update.
-    """
+    """Middleware that measures and logs requests."""
 
     def __init__(self, app: App, metrics: Metrics) -> None:
         self._app = app

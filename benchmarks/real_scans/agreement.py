@@ -71,10 +71,6 @@ def compare_pairs(
 def pose_figures(pairs: ScanPairs, agreement: Agreement) -> dict[str, Floats]:
     """Return the model's figures of each scan; its neighbours are the partners and itself.
 
-    Args:
-        pairs: The pairs.
-        agreement: Result of their comparison.
-
     Returns:
         `ambiguity` (mean of I over the partners, the scan itself left out), and `major_radius`,
         `minor_radius`, `direction`, `major`, `minor`, `level` as `relative_radii` says, each of

@@ -40,12 +40,6 @@ class Plugged(NamedTuple):
 class PluggedFunctions:
     """The functions of plug-ins that the parameters of an environment request.
 
-    Args:
-        parameters: Parameters of the environment.
-
-    Attributes:
-        task: The functions of its task.
-
     Raises:
         InputError: the size of a part is of no use.
     """

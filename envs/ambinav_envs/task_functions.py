@@ -35,9 +35,6 @@ _TERMS_OF_ENDS = (("arrival", ARRIVED, 1.0), ("missed", MISSED, -1.0))
 class TaskFunctions:
     """The functions of the task that an environment has, or those of all tasks.
 
-    Args:
-        parameters: Parameters of the environment.
-
     Attributes:
         judges: Whether the task has a rule of its own for the ends of episodes.
     """

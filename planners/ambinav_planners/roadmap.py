@@ -41,9 +41,6 @@ class Roadmap:
     neighbours each (Karaman and Frazzoli 2011); whether the motions are free and what they cost is
     found out for all of them at once. `solve` is not used: with an objective in Python it
     deadlocks.
-
-    Attributes:
-        problem: The planning problem.
     """
 
     problem: Problem

@@ -111,13 +111,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any]]:
-    """Find stretches of a route of the levels warning and error, for the vehicle's headings.
-
-    Args:
-        amap: The map.
-        route: The route.
-        name: What the Features call it.
-    """
+    """Find stretches of a route of the levels warning and error, for the vehicle's headings."""
     poses = dense_poses(route)
     covariance = expected_covariance(amap, poses)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]

@@ -22,11 +22,7 @@ _ATTEMPTS: Final = 8
 
 
 class ScratchFolder:
-    """Folder of one server; `remove_left` removes it if the server is killed.
-
-    Attributes:
-        path: Path of the folder.
-    """
+    """Folder of one server; `remove_left` removes it if the server is killed."""
 
     def __init__(self) -> None:
         place, stack = Path(tempfile.gettempdir()), contextlib.ExitStack()

@@ -24,11 +24,6 @@ def make_forecasts(
 ) -> tuple[Forecast | None, ...]:
     """Forecast how likely a robot gets lost on each route.
 
-    Args:
-        loaded: The scenario.
-        amap: The map of its building for its scanner.
-        plans: The routes.
-
     Returns:
         One for each route; None where a policy drives, and for all if the localizer is of no
         calibrated class.

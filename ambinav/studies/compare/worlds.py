@@ -21,10 +21,6 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
 
     All routes of a pair are driven in the same world, and no box is on any of them.
 
-    Args:
-        loaded: The scenario.
-        plans: All routes.
-
     Raises:
         InputError: there is no room for this number of boxes.
     """

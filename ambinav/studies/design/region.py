@@ -159,10 +159,6 @@ class Region:
     def of_route(cls, route: Route, title: str = "a route") -> Region:
         """Return the floor under a route, at the headings along the route.
 
-        Args:
-            route: The route.
-            title: Name in reports.
-
         Raises:
             InputError: it covers no distance.
         """

@@ -42,13 +42,7 @@ class RegionPart(Part):
 def changed_regions(
     lattice: CommonLattice, first: ReadMap, second: ReadMap
 ) -> tuple[RegionPart, ...]:
-    """Find the regions that differ notably, the most important first.
-
-    Args:
-        lattice: Lattice of both maps.
-        first: The map before.
-        second: The map after.
-    """
+    """Find the regions that differ notably, the most important first."""
     rise = second.level - first.level
     ambiguous = np.isin(second.state, BAD) & ~first.counted
     masks: tuple[tuple[Kind, Bools, Floats], ...] = (

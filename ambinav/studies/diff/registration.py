@@ -132,11 +132,6 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
 
     Codes are of the nearest cell. Levels are too where the lattices are one, else interpolated
     as `AmbiguityMap.sample` does.
-
-    Args:
-        lattice: The lattice.
-        amap: The map.
-        parts: Masks of its floor that counts.
     """
     free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
     state = np.full(free.shape, NOT_FREE, dtype=np.uint8)

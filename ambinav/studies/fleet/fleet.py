@@ -33,12 +33,7 @@ OPTION: Final = "--dask"
 
 @dataclass(frozen=True)
 class Fleet:
-    """Result of a run.
-
-    Attributes:
-        document: The figures of all.
-        results: The results by site and scanner.
-    """
+    """Result of a run."""
 
     document: FleetDocument
     results: tuple[UnitDone, ...]

@@ -22,9 +22,6 @@ def best_mixes(rows: Sequence[FleetFigures]) -> tuple[MixPart, ...]:
     the worst site. All sets are compared. A site counts if it was audited for several scanners, and
     one of them has figures there; a scanner without figures at a site does not serve it.
 
-    Args:
-        rows: Figures of the sites.
-
     Returns:
         Empty if no site counts.
     """

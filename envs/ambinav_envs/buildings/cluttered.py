@@ -44,10 +44,6 @@ def cluttered_building(rng: np.random.Generator, *, name: str = "cluttered") -> 
     Rooms and corridors are those of `procedural_plan`. Cabinets and boxes stand along the walls
     without regard for a passage between them, tables and chairs are seen by their legs, which a
     robot may drive between or not, and doors may be as narrow as 0.8 m.
-
-    Args:
-        rng: The source of randomness.
-        name: Its name.
     """
     sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):

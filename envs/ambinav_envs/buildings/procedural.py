@@ -108,11 +108,6 @@ def procedural_building(
 
     The floor is cut into convex rooms by straight walls; one door leads to every room, more to
     some. A disc of up to `ROBOT` metres of radius gets from anywhere to anywhere that it fits.
-
-    Args:
-        rng: The source of randomness.
-        parameters: Parameters of the building.
-        name: Its name.
     """
     chosen = ProceduralParameters() if parameters is None else parameters
     sampler = PlanSampler(rng)

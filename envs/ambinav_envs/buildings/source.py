@@ -39,9 +39,6 @@ class BuildingSource:
             about a megabyte.
         layers: Layers of their maps beside those of `Building`.
 
-    Attributes:
-        name: Name of the suite or the map.
-
     Raises:
         InputError: there is no such suite or file, or a number makes no sense.
     """

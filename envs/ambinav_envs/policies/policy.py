@@ -131,9 +131,6 @@ class Policy(ABC):
         Called before `prepare`.
 
         A trained policy has this information in its file, so by default nothing is done.
-
-        Args:
-            parameters: Parameters of the environment.
         """
 
     @abstractmethod
@@ -141,10 +138,6 @@ class Policy(ABC):
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
     ) -> None:
         """Prepare for robots in an environment, and drop the memory of earlier ones.
-
-        Args:
-            observation_space: Observation space of a single environment.
-            action_space: The same.
 
         Raises:
             InputError: the policy does not fit; the message names the difference.

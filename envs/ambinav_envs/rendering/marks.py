@@ -27,12 +27,7 @@ CIRCLE = 48
 
 
 class Marks:
-    """Draws the moving parts on a picture.
-
-    Args:
-        picture: The picture to draw on.
-        camera: The camera of the picture.
-    """
+    """Draws the moving parts on a picture."""
 
     def __init__(self, picture: pygame.Surface, camera: Camera) -> None:
         self.picture = picture

@@ -33,9 +33,6 @@ class CostToGoTable:
 
     Robots with the same goal share its slot, and a slot is free again when no robot has its goal.
 
-    Args:
-        lattice: Lattice of the building.
-
     Attributes:
         arrays: Arrays for the kernels; replaced when slots are added.
     """

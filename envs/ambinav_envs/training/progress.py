@@ -27,9 +27,6 @@ class Progress:
     Args:
         path: The file.
         steps: Rows of more steps are dropped: they came after the checkpoint that is resumed.
-
-    Attributes:
-        rows: All of them.
     """
 
     def __init__(self, path: Path, steps: float = math.inf) -> None:

@@ -57,12 +57,7 @@ DIGITS: Final = 6
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a setting.
-
-    Attributes:
-        setting: The setting.
-        figures: Its figures over the region.
-    """
+    """The result of a setting."""
 
     setting: Setting
     figures: Figures

@@ -28,9 +28,6 @@ class ScanPoints:
     A laser's echo is a point. That of a cone is the nearest thing in it: points on its arc from
     edge to edge. No echo is nothing; too near is an obstacle at the sensor's least range.
 
-    Args:
-        scanner: The robots' scanner.
-
     Attributes:
         beams: Number of readings.
         all_around: Whether every direction is seen.

@@ -25,9 +25,6 @@ SLOWEST: Final = 0.25
 class Pace:
     """Remaining time of N robots, and the speed that uses it up.
 
-    Args:
-        parameters: Parameters of the environment.
-
     Attributes:
         gone: Share of the episode's steps that is gone, float32, shape (N,).
     """
