@@ -43,15 +43,15 @@ def check_kind(
         value: The argument.
         kind: A class, or several.
         name: Its name in messages.
-        remedy: What to do, as in "give one that `load_environment` returns"; None: to give one of
-            the (first) class.
+        remedy: What to do, as in "give one that `load_environment` returns"; None: to give an
+            instance of the (first) class.
 
     Raises:
         InputError: it is something else.
     """
     if not isinstance(value, kind):
-        noun = (kind if isinstance(kind, type) else kind[0]).__name__
-        remedy = remedy or f"give {'an' if noun[0] in 'AEIOU' else 'a'} {noun}"
+        made_of = kind if isinstance(kind, type) else kind[0]
+        remedy = remedy or f"give an instance of {made_of.__name__}"
         raise InputError(f"{name} is {shown(value)}; {remedy}.")
 
 

@@ -210,10 +210,10 @@ def check_labels(amap: AmbiguityMap, error: NoPathError) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"one_way": 1}, "one_way is 1; give a OneWayLanes"),
-        ({"route_graph": "g.json"}, "route_graph is 'g.json'; give a RouteGraph"),
-        ({"belief": 1}, "belief is 1; give a BeliefModel"),
-        ({"odometry": "poor"}, "odometry is 'poor'; give a OdometryNoise"),
+        ({"one_way": 1}, "one_way is 1; give an instance of OneWayLanes"),
+        ({"route_graph": "g.json"}, "route_graph is 'g.json'; give an instance of RouteGraph"),
+        ({"belief": 1}, "belief is 1; give an instance of BeliefModel"),
+        ({"odometry": "poor"}, "odometry is 'poor'; give an instance of OdometryNoise"),
     ],
 )
 def test_arguments_of_another_kind(demo: AmbiguityService, options: Any, message: str) -> None:
