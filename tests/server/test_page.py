@@ -201,7 +201,7 @@ def test_a_mean_over_headings_has_a_cost_at_each_weight(chromium, live):
     opened.context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_keyboard_is_enough(page):
     page.locator(".map").focus()
     page.keyboard.press("2")

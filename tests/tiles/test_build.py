@@ -143,7 +143,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
             built(tmp_path / name)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("5",))
 @pytest.mark.parametrize("room", [5, 200])
 def test_a_full_disk_is_said_and_gone_on_from(
     reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
