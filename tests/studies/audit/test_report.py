@@ -229,7 +229,7 @@ def test_no_places_at_all(building, laser, tmp_path):
         audit(AmbiguityMap(synthetic.dataset()), building, laser, places=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_earlier_report_is_replaced_whole(fewer, copied):
     assert (copied / "place-02.png").exists()
     write_audit(fewer, copied)
