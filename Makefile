@@ -39,7 +39,7 @@ test: $(VENV)/.installed-dev  ## run the quick tests
 test-slow: $(VENV)/.installed-dev  ## run the tests marked slow
 	$(BIN)/python -m pytest -m "slow and not sweep" --durations=15 $(PYTEST_ARGS)
 
-test-sweep: $(VENV)/.installed-dev  ## run the sweeps over all maps, presets and logs, by hand before a release
+test-sweep: $(VENV)/.installed-dev  ## run the sweeps over maps, presets and logs and the longest tests, before a release
 	$(BIN)/python -m pytest -m sweep --durations=15 $(PYTEST_ARGS)
 
 # In one go: tests are collected, and what the tests of a file share is made, once.

@@ -334,7 +334,7 @@ def test_a_crossing_polygon_is_repaired_and_said_so(folder):
     assert len(report["environment"]["notes"]) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("pairs with text",))
 @pytest.mark.parametrize("name", ["unknown preset", "pairs with text"])
 def test_bad_input_to_the_program(folder, name):
     case = CASES[name]

@@ -86,6 +86,7 @@ def test_audit_writes_a_report(runner, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_audit_counts_what_the_robot_reaches(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--robot-radius", "0.25", "--start", "1", "1", "--json"])
     assert result.exit_code == 0, result.output
@@ -99,6 +100,7 @@ def test_audit_counts_what_the_robot_reaches(runner, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_the_scanner_says_how_large_its_robot_is(runner, folder):
     (folder / "scanner.yaml").write_text(SCANNER + "robot_radius: 0.35\n")
     result = runner.invoke(app, [*AUDIT, "--json"])
@@ -140,6 +142,7 @@ def test_map_says_what_its_shares_are_of(runner, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_audit_stores_the_map_that_map_makes(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--save-map", "audit.zarr", "--no-store"])
     assert result.exit_code == 0 and "map: audit.zarr" in result.output
@@ -160,6 +163,7 @@ def test_audit_keeps_map_and_report_apart(runner, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 def test_audit_as_json_prints_nothing_else(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--json", "--places", "0"])
     assert result.exit_code == 0, result.output

@@ -84,7 +84,7 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
-@pytest.mark.slow(kept=("ply",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("suffix", ["xyz", "txt", "ply"])
 def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
     rng, size = np.random.default_rng(1), np.array((6.0, 4.0, 2.5))

@@ -71,7 +71,7 @@ def test_it_can_be_switched_off(folder, computes, monkeypatch) -> None:
     assert "no map is kept: AMBINAV_CACHE is empty" in run("store", "list", status=2).stderr
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_compare_opens_too(folder, computes) -> None:
     scenario = write(folder, {**SCENARIO, "routes": ["shortest"], "drive": {"runs": 2}})
     words = ("compare", str(scenario), "-j", "1", "-o")

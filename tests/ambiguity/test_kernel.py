@@ -222,7 +222,7 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
         assert found[p - begin, 0] == pytest.approx(math.sqrt(moment / weight), abs=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_turns_of_a_scanner_with_thousands_of_beams() -> None:
     """A turn a degree, and a map in seconds: one of 7200 beams did not end."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

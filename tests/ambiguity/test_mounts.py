@@ -100,7 +100,7 @@ def test_centimetres_off_the_centre_are_no_reason_for_headings(
         hold(centred, amap)
 
 
-@pytest.mark.slow(kept=("all", "fan"))
+@pytest.mark.slow(kept=("all",))
 @pytest.mark.parametrize("scanner", [all_around(), FAN, SONARS], ids=["all", "fan", "sonars"])
 def test_mounts_in_a_house(house: Environment, scanner: RangeScanner) -> None:
     """With headings, asked for where the scanner needs none."""

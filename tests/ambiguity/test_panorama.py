@@ -64,7 +64,7 @@ SCANNERS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("scanners1-2048", "scanners3-20"))
 @pytest.mark.parametrize(
     ("scanners", "most"),
     [(SCANNERS[0], 20), (SCANNERS[1], 2048), (SCANNERS[2], 30), (SCANNERS[3], 20)],

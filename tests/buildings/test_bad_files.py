@@ -81,7 +81,7 @@ def test_yaml_values(changes: dict[str, Any]) -> None:
     settled("map.yaml", yaml.safe_dump({**HEADER, **changes}).encode(), ROOM)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @SETTINGS
 @given(st.binary(max_size=60) | st.text(max_size=60).map(str.encode))
 @example(b"&a [*a]")

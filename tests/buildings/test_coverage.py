@@ -140,7 +140,7 @@ FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 FILES = [*((folder, "yaml") for folder in FOLDERS), ("plans", "dxf"), ("plans", "ifc")]
 
 
-@pytest.mark.slow(kept=("maps-yaml", "plans-dxf"))
+@pytest.mark.slow(kept=("maps-yaml",))
 @pytest.mark.parametrize(("folder", "suffix"), FILES)
 def test_of_all_files_only_broken_ones_are_warned_about(
     folder: str, suffix: str, data_dir: Path

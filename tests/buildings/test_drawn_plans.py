@@ -63,7 +63,7 @@ def test_the_floor_of_a_plan_is_what_was_drawn(plan: DrawnPlan, tmp_path: Path) 
     assert not warned
 
 
-@pytest.mark.slow(kept=("0",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("part", range(8))
 def test_a_plan_that_is_turned_has_the_same_floor(part: int, tmp_path: Path) -> None:
     """Each plan at two of five angles."""

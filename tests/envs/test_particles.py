@@ -91,7 +91,7 @@ class OneByOne:
         return updates
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("field", "product"))
 @pytest.mark.parametrize(
     ("mcl", "scanner"), [({}, None), (PRODUCT, None), ({}, RING)], ids=["field", "product", "cones"]
 )

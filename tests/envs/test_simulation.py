@@ -191,7 +191,7 @@ def test_waypoints_lie_ahead_on_the_shortest_way() -> None:
         assert left == pytest.approx(max(info["shortest"] - 1.5, 0.0), abs=0.4)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("True-0.2",))
 @pytest.mark.parametrize(("fan", "rtol"), [(False, 0.12), (True, 0.2)])
 def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: float) -> None:
     """Of a scanner that looks ahead, the price hangs on the direction of travel."""

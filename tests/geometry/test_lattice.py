@@ -20,7 +20,7 @@ def parted(env: Environment, a: scenes.Array, b: scenes.Array) -> bool:
     return bool(shapely.intersects(lines, step).any())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("2",))
 @pytest.mark.parametrize("seed", [1, 2])
 def test_links_are_those_that_no_segment_crosses(seed: int) -> None:
     env = scenes.scene(seed, size=8.0, blocks=15, thin=8).transformed(0.1234)

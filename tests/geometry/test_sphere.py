@@ -97,7 +97,7 @@ def nearest_between(p: np.ndarray, q: np.ndarray, triangle: np.ndarray, half: fl
     return best
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_cylinder_against_a_minimizer() -> None:
     rng = np.random.default_rng(11)
     ends = np.empty((18, 2))

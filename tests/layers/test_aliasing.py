@@ -79,7 +79,7 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
     return mass
 
 
-@pytest.mark.slow(kept=("laser", "mixed seeing", "fan seeing"))
+@pytest.mark.slow(kept=("laser", "fan seeing"))
 @pytest.mark.parametrize(
     ("scanner", "headings", "least"),
     [
@@ -184,7 +184,7 @@ def test_equal_rooms_in_a_row(rooms):
         assert (twins[:, 3] >= LEAST_LIKENESS).all()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("crossing",))
 @pytest.mark.parametrize("fold", [4, 6], ids=["crossing", "hexagon"])
 def test_rotated_places_are_the_look_alikes(fold):
     """A crossing of equal corridors, four and six of them, each with the same niche."""

@@ -139,7 +139,7 @@ def sampled(
     return float(np.mean(found))
 
 
-@pytest.mark.slow(kept=("corridor-0.1",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("people", [0.0, 0.1])
 @pytest.mark.parametrize(
     ("env", "x", "y", "off"),

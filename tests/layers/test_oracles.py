@@ -159,6 +159,7 @@ def ranks_of(env: Environment, x: float, y: float, limit: float, step: float, to
     return np.where(np.isnan(own[:, 0]), 0, ranks)
 
 
+@pytest.mark.slow(kept=("recorded-0.1-fan",))
 @pytest.mark.parametrize("scanner", [AROUND, FAN], ids=lambda one: one.name)
 @pytest.mark.parametrize("step", [0.1, 0.3])
 def test_gfm(building: Environment, scanner: RangeScanner, step: float) -> None:

@@ -288,7 +288,7 @@ def test_a_sure_filter_errs_less_where_the_map_is_wrong(spoilt: str) -> None:
     assert on_nees < 4.0 and on_nees < 0.5 * off_nees
 
 
-@pytest.mark.slow(kept=("model0-clean", "model1-aged"))
+@pytest.mark.slow(kept=("model1-aged",))
 @pytest.mark.parametrize("spoilt", crowds.SPOILT)
 @pytest.mark.parametrize(
     "model", [("likelihood_field", 0.1), ("likelihood_field_prob", 0.1), ("beam", 0.1)]

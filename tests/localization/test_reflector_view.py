@@ -19,6 +19,7 @@ from tests.localization.reflector_scenes import detected, hall, known, laser, vi
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.slow(kept=("mount1",))
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.4, -0.3, 1.0)])
 def test_expectations_are_those_of_shapely(mount: tuple[float, float, float]) -> None:
     """Direction halfway between the edges, mean range over 400 rays; derivatives by differences."""

@@ -47,7 +47,7 @@ def halves(data_dir):
     return {name: split(name) for name in ("intel", "aces")}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("2",))
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_hall_with_its_own_map_and_ground_truth(hall, seed):
     """At most 10 cm, once the ground truth is in the frame of the map; 13 cm as published.

@@ -122,7 +122,7 @@ def test_random_edits(case: str, seed: int) -> None:
     assert_same(updated.update(env), amap)
 
 
-@pytest.mark.slow(kept=("headings", "off the centre", "intensity"))
+@pytest.mark.slow(kept=("headings", "intensity"))
 @pytest.mark.parametrize("case", CASES)
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 10**6))

@@ -80,7 +80,7 @@ def test_the_bound_knows_the_way_round_a_wall() -> None:
     assert proof.gap <= 0.012
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_proves_the_bound_is_nowhere_steeper_than_the_cost(
     demo: AmbiguityService, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -147,7 +147,7 @@ def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
         assert setup.getSpaceInformation().isValid(state) == free
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_lines_for_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}

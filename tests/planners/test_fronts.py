@@ -60,7 +60,7 @@ def test_other_planners_plan_anew_for_every_weight(robot: RoutePlanner) -> None:
     assert front.points[0].route.length <= front.points[1].route.length * 1.05
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
     fronts = [
         pareto(

@@ -253,7 +253,7 @@ def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) 
         assert route.planner == "reference"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("prmstar",))
 @pytest.mark.parametrize("name", ["prmstar", "bitstar", "bfmt"])
 def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
     corners = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]

@@ -197,7 +197,7 @@ def test_the_process_ends_with_the_one_that_waits_for_it(tmp_path: Path) -> None
         time.sleep(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_plug_in_that_prints_plans_with_a_seed(
     demo_map: AmbiguityMap, tmp_path: Path, capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -58,7 +58,7 @@ def folder(plan_map: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_needs_no_ompl_works_and_the_rest_names_it(folder: Path) -> None:
     """All commands in one process, for a start takes longer than most of them."""
     run = without_ompl(RUN, folder, json.dumps(COMMANDS))

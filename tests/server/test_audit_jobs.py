@@ -150,7 +150,7 @@ def test_an_audit_that_fails_says_why_and_names_no_folder(
         assert live.http.get(f"{answer.headers['location']}/report").status_code == 409
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_plan_s_level_and_unit_are_fields(serve: Any, corridor: an.AmbiguityMap) -> None:
     live: Live = serve([corridor])
 

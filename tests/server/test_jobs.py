@@ -199,7 +199,7 @@ class _Sleepers(PlanPool):
     work = staticmethod(_sleeps)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_plan_that_ends_soon_keeps_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan_jobs, "GRACE_SECONDS", 0.5)
 

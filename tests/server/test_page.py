@@ -189,7 +189,7 @@ def test_another_map_takes_the_place_of_the_first(chromium, live):
     opened.context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_mean_over_headings_has_a_cost_at_each_weight(chromium, live):
     opened = visit(chromium, f"{live.url}/?map=narrow-room")
     opened.get_by_role("tab", name="Routes").click()
@@ -201,7 +201,7 @@ def test_a_mean_over_headings_has_a_cost_at_each_weight(chromium, live):
     opened.context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_keyboard_is_enough(page):
     page.locator(".map").focus()
     page.keyboard.press("2")
@@ -369,7 +369,7 @@ def test_a_token_is_taken_from_the_address_and_sent(chromium, plan_map: Path):
         context.close()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_two_scanners_are_compared_with_a_slider(
     chromium: Any, plan_map: Path, turning: an.AmbiguityMap
 ) -> None:

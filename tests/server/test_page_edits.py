@@ -145,6 +145,7 @@ def test_all_kinds_are_drawn_dragged_and_deleted(page: Any) -> None:
     assert page.faults == []
 
 
+@pytest.mark.sweep
 def test_the_keyboard_adds_and_changes_obstacles(page: Any, live: Any) -> None:
     page.get_by_label("Kind of obstacle").select_option(label="Panel")
     for name, value in (("x", 6), ("y", 1.75), ("length", 1), ("angle", 90)):
@@ -226,7 +227,7 @@ def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
     assert page.faults == []
 
 
-@pytest.mark.slow(kept=("light-1280",))
+@pytest.mark.sweep
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(chromium: Any, live: Any, width: int, scheme: str) -> None:

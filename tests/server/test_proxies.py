@@ -133,7 +133,7 @@ def test_the_service_works_behind_a_proxy(proxied: tuple[str, Live]) -> None:
     assert owner == "127.0.0.1"
 
 
-@pytest.mark.slow(kept=("nginx",))
+@pytest.mark.sweep
 def test_all_of_the_page_works_behind_a_proxy(chromium: Any, proxied: tuple[str, Live]) -> None:
     url, _ = proxied
     page = visit(chromium, f"{url}/?map=map#token=write")

@@ -355,7 +355,7 @@ print([str(one.message) for one in caught])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_full_disk_costs_no_map(store) -> None:
     """The system ends the writing in its middle, here by a limit on the size of files."""
     process = python(FULL, str(store.place))

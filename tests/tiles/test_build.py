@@ -72,7 +72,7 @@ def test_it_is_the_map_in_one_piece(reference: Path) -> None:
     assert not reference.with_name("demo.zarr.part").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_with_headings_and_a_layer_that_costs_read(tmp_path: Path) -> None:
     run_plan(plan(demo(), 9.0, "sonar and laser", 0.6), str(tmp_path / "a.zarr"), workers=0)
     amap = an.AmbiguityMap.open(tmp_path / "a.zarr")
@@ -143,7 +143,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
             built(tmp_path / name)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("5",))
 @pytest.mark.parametrize("room", [5, 200])
 def test_a_full_disk_is_said_and_gone_on_from(
     reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
@@ -172,7 +172,7 @@ def test_workers_write_the_same_bytes(reference: Path, tmp_path: Path) -> None:
     assert content(tmp_path / "a.zarr") == content(reference)
 
 
-@pytest.mark.slow(minutes=0.2)
+@pytest.mark.sweep
 def test_killed_workers_are_replaced(reference: Path, tmp_path: Path) -> None:
     rng, killed = np.random.default_rng(), []
 

@@ -206,7 +206,7 @@ def test_evaluate(folder: Path) -> None:
     assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
     import importlib

@@ -170,7 +170,7 @@ def test_one_environment_of_gymnasium() -> None:
     assert info["outcome"] == "arrived"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_evaluate_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "cache"))
     words = ["evaluate", "dwa", "--map", DEMO, "-n", "2", "ambiguity_weight=2", "max_steps=20"]

@@ -119,7 +119,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     )
 
 
-@pytest.mark.slow(kept=("sac", "recurrent"))
+@pytest.mark.slow(kept=("sac",))
 @pytest.mark.parametrize(
     "other", [{}, SAC, RECURRENT, CORRECTED], ids=["ppo", "sac", "recurrent", "corrected"]
 )

@@ -77,7 +77,7 @@ def test_all_files_are_there(folder):
                 assert min(picture.size) > 500
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_pictures_can_be_drawn_as_lines(examined, fewer, tmp_path):
     report = write_audit(examined, tmp_path / "out", image_format="svg")
     names = {name.replace(".png", ".svg") for name in FILES}
@@ -229,7 +229,7 @@ def test_no_places_at_all(building, laser, tmp_path):
         audit(AmbiguityMap(synthetic.dataset()), building, laser, places=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_an_earlier_report_is_replaced_whole(fewer, copied):
     assert (copied / "place-02.png").exists()
     write_audit(fewer, copied)

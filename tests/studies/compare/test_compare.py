@@ -71,7 +71,7 @@ def check_tables(text: str) -> None:
         assert len(bars) == 1, table
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_any_name_is_shown_as_it_is(tmp_path: Path) -> None:
     scenario = copy.deepcopy(SCENARIO)
     scenario["routes"][1]["name"] = "a|b <1>"

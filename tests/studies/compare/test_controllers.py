@@ -64,7 +64,7 @@ def compare(scenario: Path, out: Path) -> Result:
     return CliRunner().invoke(app, words)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_policy_drives_beside_a_route(scenario: dict[str, Any], folder: Path) -> None:
     driver = {"kind": "policy", "policy": "drives.py:go", "name": "go"}
     scenario |= {"routes": ["shortest", driver], "localizer": "ekf"}

@@ -75,7 +75,7 @@ def test_a_scenario_reads_the_layer_that_suits_its_scanner(
     assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "position"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_reports_name_the_localizer_and_what_speaks_against_it(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -185,7 +185,7 @@ def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     np.testing.assert_allclose(plan.route.poses[[0, -1]], [[1, 1, 0], [7, 2, np.pi / 2]])
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_car_that_knows_where_it_is(scenario: dict[str, Any], tmp_path: Path) -> None:
     """Curves are driven, and a localizer without errors gives pictures all the same."""
     scenario["planning"] = {"space": "reeds-shepp", "turning_radius": 0.4, "iterations": 100}

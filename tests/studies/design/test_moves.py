@@ -48,6 +48,7 @@ def positions(hall: Remedy) -> Positions:
     return Positions(hall.environment, hall.rules, bad, 3.0, hall.reach.floor)
 
 
+@pytest.mark.sweep
 def test_no_move_on_a_fine_grid_gains(hall: Remedy) -> None:
     """Each position about each post, and the effect of all posts at once."""
     effects, found = bare(hall), positions(hall)

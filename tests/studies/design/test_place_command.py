@@ -175,7 +175,7 @@ def test_ctrl_c_leaves_nothing(folder, monkeypatch) -> None:
     assert not (folder / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_audit_lists_the_first_posts(folder) -> None:
     command = ["audit", *ASKED, "--no-aliasing", "-o", "audit"]
     result = CliRunner().invoke(app, command)

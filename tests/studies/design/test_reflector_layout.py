@@ -61,7 +61,7 @@ def planned(
     return plan_reflectors(building, laser(), amap, reach, RULES, positions, count)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0", "1"))
 @pytest.mark.parametrize("seed", range(4))
 def test_search_comes_near_the_best_of_all_subsets(seed: int) -> None:
     building = hall()

@@ -112,7 +112,7 @@ def test_scores_are_normalized_by_the_shortest_routes_and_their_twin(tmp_path: P
     assert len(list((tmp_path / "out" / "work").glob("routes-*.npz"))) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_going_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     environment = room()
     benchmark(small(environment), tmp_path / "whole")

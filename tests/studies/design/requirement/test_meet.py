@@ -90,7 +90,7 @@ def every_subset(longer: str) -> list[tuple[float, float]]:
     return results
 
 
-@pytest.mark.slow(kept=("34", "16"))
+@pytest.mark.slow(kept=("16",))
 @pytest.mark.parametrize("limit", LIMITS)
 def test_it_is_as_cheap_as_the_best_of_all_subsets(longer, every_subset, limit) -> None:
     within = [cost for cost, share in every_subset if share < limit / 100]

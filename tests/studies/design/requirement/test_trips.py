@@ -114,7 +114,7 @@ def test_weights_lie_beside_trips_that_lose_robots() -> None:
     assert weight.max() == pytest.approx(losses.lost[0] * amap.cell_area)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_solution_is_forecast_and_driven_as_it_says() -> None:
     solution = solve("lost < 10 %")
     assert solution.met

@@ -43,7 +43,7 @@ def written(table, tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_all_files_say_the_same(table, written):
     names = ["fronts.png", "maps.png", "report.html", "report.json", "report.md"]
     assert sorted(path.name for path in written.iterdir()) == [*names, "scanners.png", "table.csv"]
