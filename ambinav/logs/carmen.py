@@ -87,10 +87,11 @@ def read_carmen(
     ranges, limit = _ranges(path, lines, max_range)
     laser = np.array([scan.laser for scan in lines.scans])
     robot = np.array([scan.robot for scan in lines.scans])
-    if np.median(np.abs(robot[:, 2])) > TURNED:
+    headings = np.abs(np.stack([laser[:, 2], robot[:, 2]]))
+    if np.median(headings, axis=1).max() > TURNED:
         warnings.warn(
             f"{path}: most headings are beyond two turns in radians, up to "
-            f"{np.abs(robot[:, 2]).max():.4g}; if they are degrees, convert them.",
+            f"{headings.max():.4g}; if they are degrees, convert them.",
             InputWarning,
             stacklevel=2,
         )
@@ -173,7 +174,7 @@ def _angles(path: Path, beams: int, start: float, step: float, values: ArrayLike
                 f"{path}: angles have the shape {angles.shape}; its scans have {beams} beams."
             )
         return angles
-    if step > 0.0:
+    if step != 0.0:
         return np.asarray(start + step * np.arange(beams), dtype=np.float64)
     if beams not in OPEN + CLOSED:
         raise InputError(

@@ -24,12 +24,15 @@ Triple = tuple[float, float, float]
 
 
 class Shape(NamedTuple):
-    """Properties that all scans of a log must share; -1 where the line does not state one."""
+    """Properties that all scans of a log must share; 0 where the line does not state one.
+
+    The step is negative where the laser turns clockwise, as one that hangs upside down does.
+    """
 
     beams: int
-    start: float = -1.0
-    step: float = -1.0
-    max_range: float = -1.0
+    start: float = 0.0
+    step: float = 0.0
+    max_range: float = 0.0
 
 
 class Scan(NamedTuple):
@@ -215,7 +218,7 @@ def _robotlaser(line: int, row: list[str]) -> Scan:
     m = _count(row[9 + n], "remissions")
     _require(row, 10 + n + m + ROBOTLASER_TAIL, n)
     start, _, step, max_range = _numbers(row[2:6])
-    if not (max_range > 0.0 and step > 0.0):
+    if not (max_range > 0.0 and step != 0.0):
         raise ValueError(f"its maximum range is {max_range:g} and its angular step {step:g}")
     tail = row[10 + n + m :]
     laser, robot = _triple(tail[:3]), _triple(tail[3:6])

@@ -51,9 +51,10 @@ def save_tum(path: str | Path, time: ArrayLike, poses: ArrayLike) -> None:
     back = np.flatnonzero(np.diff(stamps) <= 0.0)
     if len(back):
         k = int(back[0])
+        before, after = stamps[k : k + 2].tolist()
         raise InputError(
-            f"{path}: time goes from {stamps[k]!r} to {stamps[k + 1]!r} at pose {k + 1}; give "
-            "ascending times, or number the poses."
+            f"{path}: time goes from {before!r} to {after!r} at pose {k + 1}; give ascending "
+            "times, or number the poses."
         )
     half = 0.5 * track[:, 2]
     zero = np.zeros(len(stamps))
@@ -119,8 +120,8 @@ def save_carmen(path: str | Path, log: Log) -> None:
     step = log.spacing
     if step is None:
         raise InputError(
-            f"{path}: the beams of {log.name!r} are not evenly spread, which a CARMEN log cannot "
-            "say; save it as CSV."
+            f"{path}: the beams of {log.name!r} are not evenly spread counter-clockwise; save it "
+            "as CSV."
         )
     lines = ["# CARMEN log written by ambinav; metres, radians, seconds"]
     names = ("offset", "side_offset", "angular_offset")

@@ -217,7 +217,7 @@ def parse_condition(
         offer = f"the unit {quantity.unit!r}" if quantity.unit else "nothing more"
         raise InputError(
             f"{option}: {text!r}: at position {start} stands {unit!r} where {offer} is expected; "
-            f"give the limit {_in_unit(quantity)}."
+            f"give one condition, its limit {_in_unit(quantity)}."
         )
     if given_unit != quantity.unit:
         has = f"is in {quantity.unit}" if quantity.unit else "is a number without a unit"

@@ -49,6 +49,24 @@ def test_headings_in_degrees_are_named(tmp_path):
         read_carmen(path, angles=THREE)
 
 
+def test_headings_of_the_laser_alone_in_degrees_are_named(tmp_path):
+    path = write(tmp_path, *(flaser([1.0], (k, 0, 90.0 + k), (k, 0, 1.0)) for k in range(5)))
+    with pytest.warns(InputWarning, match="beyond two turns in radians, up to 94"):
+        read_carmen(path, angles=(0.0,), max_range=8.0)
+
+
+def test_a_laser_that_turns_clockwise(tmp_path):
+    """It hangs upside down, and reads the same walls in reverse order."""
+    readings = [1.0, 2.0, 3.0]
+    hanging = read_carmen(write(tmp_path, robotlaser(readings[::-1], start=0.0, step=-0.5)))
+    upright = read_carmen(write(tmp_path, robotlaser(readings, start=-1.0, step=0.5)))
+    np.testing.assert_allclose(hanging.angles, [0.0, -0.5, -1.0])
+    np.testing.assert_array_equal(hanging.angles[::-1], upright.angles)
+    np.testing.assert_array_equal(hanging.ranges[:, ::-1], upright.ranges)
+    mounts = hanging.scanner().mounts[::-1]
+    np.testing.assert_allclose(mounts, upright.scanner().mounts, atol=1e-12)
+
+
 def test_max_range_that_is_given(tmp_path):
     path = write(tmp_path, flaser([1.0, 3.0, 3.5]))
     log = read_carmen(path, angles=THREE, max_range=3.0)

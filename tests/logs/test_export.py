@@ -48,7 +48,7 @@ def test_tum_round_trip(tmp_path_factory, poses):
         ([], np.zeros((0, 3)), "N at least 1"),
         ([math.nan], [(0, 0, 0)], "time or pose 0 is not finite"),
         ([0.0, 1.0], [(0, 0, 0), (0, math.inf, 0)], "time or pose 1 is not finite"),
-        ([1.0, 1.0], [(0, 0, 0), (0, 0, 0)], r"time goes from .*1\.0.* at pose 1"),
+        ([1.0, 1.0], [(0, 0, 0), (0, 0, 0)], "time goes from 1.0 to 1.0 at pose 1;"),
     ],
 )
 def test_tum_refuses(tmp_path, time, poses, words):

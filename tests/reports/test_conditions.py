@@ -56,7 +56,7 @@ def test_a_condition_is_read_however_it_is_written(text, meant):
         ("open > 2,5 %", "at position 9 the number 2 is followed by ',5 %'; write numbers as 2.5"),
         ("open area > 10 000 m2", "at position 15 the number 10 is followed by ' 000 m2'; write"),
         ("open > 1.2.3 %", "at position 11 the number 1.2 is followed by '.3 %'; write numbers"),
-        ("open > 2 % and places > 3", "at position 10 stands '% and places > 3' where the unit"),
+        ("open > 2 % and places > 3", "where the unit '%' is expected; give one condition, its"),
         ("open > 2 furlongs", "at position 10 stands 'furlongs' where the unit '%' is expected"),
         ("places > 2 furlongs", "at position 12 stands 'furlongs' where nothing more is expected"),
         ("opne > 2 %", "'opne' is not a figure of the report; did you mean 'open'"),

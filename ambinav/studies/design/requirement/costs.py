@@ -99,8 +99,10 @@ class Allowed:
                 switches.add(name)
                 continue
             if not number.isdecimal() or int(number) < 1:
-                fault = f"{number!r} is not a valid number" if equals else "a number is missing"
-                raise InputError(f"{OPTION}: {entry!r}: {fault} of {name}; write {name}=4.")
+                fault = f"is {number!r}, not a whole number from 1 on" if equals else "is missing"
+                raise InputError(
+                    f"{OPTION}: {entry!r}: the number of {name} {fault}; write {name}=4."
+                )
             most[kind_of[name]] = int(number)
         return cls(most, *(name in switches for name in SWITCHES))
 

@@ -146,8 +146,8 @@ def test_a_budget_below_everything_changes_nothing(folder) -> None:
     [
         ("bad < 5 %", "panels=2", (), "costs.yaml: --may allows a panel but the key 'panel'"),
         ("bad < 5 %", "cones=2", (), "--may: 'cones' is not a change"),
-        ("bad < 5 %", "posts", (), "a number is missing of posts; write posts=4"),
-        ("bad < 5 %", "posts=0", (), "'0' is not a valid number of posts"),
+        ("bad < 5 %", "posts", (), "the number of posts is missing; write posts=4"),
+        ("bad < 5 %", "posts=0", (), "the number of posts is '0', not a whole number"),
         ("bad < 5 %", "posts=1,posts=2", (), "named twice"),
         ("bad < 5 %", "scanner=2", (), "scanner has no number"),
         ("bad < 5 %", "posts=2", ("--keep-out", "all.wkt"), "off the --keep-out zones"),
