@@ -113,7 +113,7 @@ def script(body: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("SIGINT-KeyboardInterrupt",))
 @pytest.mark.parametrize(
     ("name", "error"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "SystemExit")]
 )
