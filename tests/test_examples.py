@@ -43,7 +43,16 @@ def python() -> Iterator[ForkServer]:
     server.close()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "01_ambiguity_map",
+        "02_my_scanner",
+        "03_localizability_online",
+        "04_gymnasium_episode",
+        "05_policy_from_messages",
+        "07_torchrl",
+    )
+)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_an_example_runs(script, tmp_path, python):
     needed = NEEDS.get(script.name[:2])

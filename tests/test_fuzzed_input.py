@@ -134,7 +134,7 @@ def test_any_bytes_as_a_scanner(content: bytes) -> None:
     run_on({"scanner.yaml": content}, FROM_PLAN)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @FUZZ
 @given(
     st.dictionaries(

@@ -28,7 +28,7 @@ def test_all_is_well():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_what_hangs_fails_and_is_named(tmp_path: Path) -> None:
     """With the settings of pyproject.toml and the Makefile, but limits of seconds."""
     (tmp_path / "test_hanging.py").write_text(HANGING)

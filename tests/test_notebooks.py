@@ -64,7 +64,7 @@ def test_the_stored_outputs_are_of_the_cells_as_they_stand(path):
     assert sha256(code.encode()).hexdigest() == stored, "run: make notebooks"
 
 
-@pytest.mark.slow(kept=("02_ompl_script",))
+@pytest.mark.sweep
 def test_a_notebook_runs(path, tmp_path):
     done = subprocess.run(
         [sys.executable, str(RUNNER), str(path), "--out", str(tmp_path)],

@@ -19,7 +19,7 @@ def test_reads_nothing():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=(".-1-messages1",))
 @pytest.mark.parametrize(
     ("data", "status", "messages"),
     [

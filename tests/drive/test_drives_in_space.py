@@ -55,6 +55,7 @@ def off(drives: Drives) -> np.ndarray:
     return np.hypot(errors[..., 0], errors[..., 1])
 
 
+@pytest.mark.slow(kept=("mcl", "ekf"))
 @pytest.mark.parametrize("localizer", ["mcl", "ekf", MclParameters(laser_model_type="beam_prob")])
 def test_a_level_laser_drives_in_an_extruded_building_as_in_its_plan(localizer: Any) -> None:
     env = tall()

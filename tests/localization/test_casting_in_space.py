@@ -129,6 +129,7 @@ def test_derivatives_of_ranges_are_finite_differences(seed: int) -> None:
     assert (line[level, 1:4] == 0.0).all()
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", SCANNERS)
 def test_columns_without_a_reading_meet_nothing(name: str) -> None:
     env, scanner = furnished()[0], SCANNERS[name]

@@ -205,7 +205,7 @@ def _open_requests(live: Live) -> float:
     return float(live.context.metrics.open._value.get())
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_client_has_so_many_jobs_and_no_more(serve: Any, corridor: an.AmbiguityMap) -> None:
     live = serve([corridor], limits=Limits(client_jobs=1, plans=1))
     ends = {"start": [1, 1], "goal": [2, 1], "planner": "rrtstar", "time_s": 20}

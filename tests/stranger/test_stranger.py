@@ -363,7 +363,7 @@ def test_a_task(user: User) -> None:
     assert all(pose[0] == 0.5 and pose[2] == 0.0 for pose in poses)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_file_of_a_plug_ins_format_is_compared(folder: Path, user: User) -> None:
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
     text = SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")

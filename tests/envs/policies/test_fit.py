@@ -237,7 +237,7 @@ drives.environment = {**load_policy("vfh").environment, "robot": {"radius": 0.22
 """A policy that arrives and was trained with a robot; its file is code."""
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_compare(folder: Path) -> None:
     (folder / "own.py").write_text(DRIVES)
     own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}

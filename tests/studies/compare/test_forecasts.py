@@ -63,7 +63,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder / "out", compare(write(folder, PRODUCT), folder / "out")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_they_are_those_of_the_saved_routes(done: tuple[Path, str]) -> None:
     out, shown = done
     report = json.loads((out / "report.json").read_text())
