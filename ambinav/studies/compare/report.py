@@ -77,10 +77,10 @@ def compare_routes(
             `drive_all`; another call is at work in `folder`; or a script calls this that is not
             guarded (`check_guarded`).
     """
+    check_guarded("compare_routes")
     check_kind(loaded, ScenarioBundle, "loaded", "give what `load_scenario` returns")
     jobs = as_count(jobs, "jobs")
     check_format(image_format)
-    check_guarded("compare_routes")
     out = STUDY.folder.check(folder)
     with loaded.named():
         check_plans(loaded)
