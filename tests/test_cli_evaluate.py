@@ -118,7 +118,7 @@ def test_evaluate_bad_input(
     assert done.stderr.count("\n") == 1 and not done.stdout
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_benchmark(runner: CliRunner, folder: Path) -> None:
     pytest.importorskip("ompl")
     # The package's attribute of this name is the command.

@@ -101,7 +101,7 @@ def test_a_route_of_another_map_is_noted(folder: Path) -> None:
     assert "environment" not in result.stderr
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_plan_keeps_the_promise(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "--shortest", "-o", "safe.csv"]
     result = CliRunner().invoke(app, [*command, "--max-lost", "0.05", "--json"])

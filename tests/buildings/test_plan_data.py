@@ -70,7 +70,7 @@ def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
     assert len(shapely.get_parts(closed.free)) == len(spaces)
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_the_institute_has_its_storeys_and_corridors(plans: Path) -> None:
     path = plans / "institute.ifc"
     model = ifcopenshell.open(str(path))

@@ -58,7 +58,7 @@ def folder(plan_map: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_what_needs_no_ompl_works_and_the_rest_names_it(folder: Path) -> None:
     """All commands in one process, for a start takes longer than most of them."""
     run = without_ompl(RUN, folder, json.dumps(COMMANDS))
@@ -89,7 +89,7 @@ def test_public_names_say_what_to_install(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_ompl_is_not_imported_unless_a_planner_of_it_is_used(plan_folder: Path) -> None:
     arguments = ("plan", "map.zarr", *ENDS, "-p", "reference", "-o", "r.csv")
     code = (

@@ -122,7 +122,7 @@ def test_a_request_is_one_line_of_json(live: Live, caplog: pytest.LogCaptureFixt
     assert first["bytes"] > 10 and first["ms"] > 0.0 and first["time"].endswith("+00:00")
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
     with started(str(plan_map), "--port", "0", "--check") as (process, _):
         assert process.stdout is not None
@@ -130,7 +130,7 @@ def test_a_check_ends_when_the_server_is_ready(plan_map: Path) -> None:
         assert process.wait(30) == 0
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_a_check_fails_where_no_process_for_plans_starts(plan_map: Path, tmp_path: Path) -> None:
     script = tmp_path / "unguarded.py"  # each process that it starts runs it again, and ends
     script.write_text("from ambinav.cli import app\napp()\n")

@@ -152,7 +152,7 @@ def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path:
         assert live.http.get("/v1/maps/map--0123456789abcdef").status_code == 404
 
 
-@pytest.mark.sweep
+@pytest.mark.slow
 def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"
     options = (str(plan_map), "--port", "0", "--state", str(state))
