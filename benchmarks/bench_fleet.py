@@ -9,6 +9,7 @@ with that of the undisturbed run: results without their member `run`, and all ot
 runs.parquet byte for byte. Status 1: a file differs, is missing or was left behind.
 
     python benchmarks/bench_fleet.py --out benchmarks/results/fleet.md
+    python benchmarks/bench_fleet.py --sites 1000 --rounds 1 --kills 0 --dask   # a Dask cluster
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import psutil
-from harness import ROOT, arguments, report, table
+from harness import ROOT, arguments, option, report, table
 
 from ambinav.buildings.plan_writer import plan_geojson
 from ambinav_envs.buildings.suites import suite
@@ -50,14 +52,17 @@ def draw_sites(folder: Path, count: int) -> None:
         path.write_text(json.dumps(plan_geojson(suite(name).building(1 + k // len(SUITES)))))
 
 
-def started(sites: Path, output: Path, workers: int, spacing: float) -> subprocess.Popen[bytes]:
-    """Start the command in a session of its own."""
+def started(
+    sites: Path, output: Path, workers: int | str, spacing: float
+) -> subprocess.Popen[bytes]:
+    """Start the command in a session of its own, with so many processes or the address of Dask."""
     command = [sys.executable, "-m", "ambinav.cli", "fleet", "audit", str(sites), "-s", SCANNER]
-    command += ["--spacing", str(spacing), "--workers", str(workers), "-q", "-o", str(output)]
+    command += ["--dask" if isinstance(workers, str) else "--workers", str(workers)]
+    command += ["--spacing", str(spacing), "-q", "-o", str(output)]
     return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
-def seconds_of(sites: Path, output: Path, workers: int, spacing: float) -> float:
+def seconds_of(sites: Path, output: Path, workers: int | str, spacing: float) -> float:
     """Run the command to its end, and return its duration."""
     begun = time.monotonic()
     if started(sites, output, workers, spacing).wait():
@@ -159,11 +164,21 @@ def _kill(process: subprocess.Popen[bytes], rng: np.random.Generator) -> str:
 
 def main() -> int:
     """Run the benchmark; return the exit status."""
-    args = arguments(__doc__, sites=200, spacing=0.2, rounds=3, kills=30, seed=1)
+    args = arguments(
+        __doc__, sites=200, spacing=0.2, rounds=3, kills=30, seed=1,
+        dask=option(False, "the two workers are those of a Dask cluster", action="store_true"),
+    )  # fmt: skip
     from pyarrow import parquet
 
-    folder = Path(tempfile.mkdtemp(prefix="bench-fleet-"))
-    try:
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench-fleet-")))
+        two: int | str = 2
+        if args.dask:
+            from distributed import LocalCluster
+
+            two = stack.enter_context(
+                LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+            ).scheduler_address
         sites, few = folder / "sites", folder / "few"
         draw_sites(sites, args.sites)
         draw_sites(few, len(SUITES))
@@ -172,11 +187,11 @@ def main() -> int:
         ceilings = []
         for _ in range(args.rounds):
             ceilings.append(ceiling())
-            for n, durations in rounds.items():
+            for n, workers in ((1, 1), (2, two)):
                 shutil.rmtree(folder / f"w{n}", ignore_errors=True)
-                durations.append(seconds_of(sites, folder / f"w{n}", n, args.spacing))
+                rounds[n].append(seconds_of(sites, folder / f"w{n}", workers, args.spacing))
         ratio = [first / second for first, second in zip(*rounds.values(), strict=True)]
-        repeated = seconds_of(sites, folder / "w2", 2, args.spacing)
+        repeated = seconds_of(sites, folder / "w2", two, args.spacing)
         first, second = content(folder / "w1"), content(folder / "w2")
         wrong = [name for name in sorted({*first, *second}) if first.get(name) != second.get(name)]
         peak = max(
@@ -189,7 +204,7 @@ def main() -> int:
         page = (folder / "w2" / "index.html").stat().st_size
         rows = [
             ("seconds, 1 worker", spread(rounds[1], ".1f")),
-            ("seconds, 2 workers", spread(rounds[2], ".1f")),
+            (f"seconds, 2 workers{' of Dask' if args.dask else ''}", spread(rounds[2], ".1f")),
             ("times as fast", spread(ratio, ".2f")),
             ("times as fast, two plain loops", spread(ceilings, ".2f")),
             ("seconds, the same command again", f"{repeated:.1f}"),
@@ -208,8 +223,6 @@ def main() -> int:
         )
         report("A fleet of sites", ("ambinav", "numba", "numpy", "pyarrow"), body, args.out)
         return 1 if wrong or killed else 0
-    finally:
-        shutil.rmtree(folder)
 
 
 if __name__ == "__main__":
