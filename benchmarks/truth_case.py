@@ -27,6 +27,7 @@ from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
+from ambinav.drive.localizer_spec import ChosenLocalizer
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -100,8 +101,10 @@ def main() -> None:
     parser.add_argument("--start", choices=("known", "unknown"), default="known")
     parser.add_argument("--folder", type=Path, default=Path("out/truth"))
     args = parser.parse_args()
-    if args.start == "unknown" and args.localizer == "kalman":
-        parser.error("--localizer kalman needs to know where it starts; give another one")
+    if args.start == "unknown" and args.localizer in ("kalman", "pfilter"):
+        parser.error(
+            f"--localizer {args.localizer} needs to know where it starts; give another one"
+        )
     path = drives_path(args.folder, args.environment, args.scanner, args)
     with appended(path) as append:
         rows = kept_rows(path)
@@ -169,7 +172,7 @@ def kept_places(
 
 def made(
     args: argparse.Namespace, mapped: Environment, scanner: RangeScanner
-) -> MonteCarloLocalizer | Localizer:
+) -> ChosenLocalizer | MonteCarloLocalizer | Localizer:
     """Return the localizer, for all poses."""
     localizer = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
     if not isinstance(localizer, MclParameters):
@@ -294,7 +297,7 @@ def driven(
     mapped: Environment,
     scanner: RangeScanner,
     route: Route,
-    localizer: Localizer,
+    localizer: ChosenLocalizer | Localizer,
     world: Environment,
     rng: np.random.Generator,
     runs: int,
