@@ -26,12 +26,15 @@ class PrismArrays(NamedTuple):
     Surfaces are walls, the bottom and top of solids, floor and ceiling.
 
     Attributes:
-        x0, y0, cell, rows, columns, start, item, line: The walls in their cells: `SegmentGrid`.
-        height: float64, shape (items, 2): lowest and highest z of each item's wall, metres.
-        face_start: int32: faces in cell k, in convex pieces, are face_start[k] to
+        x0, y0, cell, rows, columns, start, item: The walls in their cells: `SegmentGrid`.
+        wall: float64, shape (items, 6): a point of each item's wall, the vector to its other end,
+            lowest and highest z, metres.
+        face_start: int32: faces in cell k are those of the items face_start[k] to
             face_start[k + 1] - 1; without those at or beyond floor and ceiling.
-        face: float64, shape (items, 13): edges of the piece (`Pieces`), and its z, metres.
-        face_surface: int32, shape (items,): the surface that it is of.
+        face_item: int32, shape (items,): the face of each item.
+        face: float64, shape (F, 13): horizontal faces in convex pieces: edges of the piece
+            (`Pieces`), and its z, metres.
+        face_surface: int32, shape (F,): the surface that it is of.
         body_start: int32: likewise, for solids.
         body: float64, shape (items, 14): edges of the piece, and z of the solid's bottom and top.
         walls: How many surfaces come before the bottom of the first solid.
@@ -48,9 +51,9 @@ class PrismArrays(NamedTuple):
     columns: int
     start: Ints32
     item: Ints32
-    line: Floats
-    height: Floats
+    wall: Floats
     face_start: Ints32
+    face_item: Ints32
     face: Floats
     face_surface: Ints32
     body_start: Ints32
@@ -117,10 +120,10 @@ def cast_upright(px, py, pz, rise, reach, scene):
         best, hit = to / rise, (floor if rise < 0.0 else floor + 1)
     k = _cell_of(px, py, scene)
     if k >= 0:
-        for j in range(scene.face_start[k], scene.face_start[k + 1]):
-            t = (scene.face[j, 12] - pz) / rise
-            if 0.0 <= t < best and _over(scene.face, j, px, py, -SLACK):
-                best, hit = t, scene.face_surface[j]
+        for f in scene.face_item[scene.face_start[k] : scene.face_start[k + 1]]:
+            t = (scene.face[f, 12] - pz) / rise
+            if 0.0 <= t < best and _over(scene.face, f, px, py, -SLACK):
+                best, hit = t, scene.face_surface[f]
     return best, hit
 
 
@@ -144,9 +147,9 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
     face = scene.face
     per_leave, per_entered = 1.0 / (leave + SLACK), 1.0 / max(entered - SLACK, SLACK)
     lowest, highest = slope[0], slope[slope.size - 1]
-    for j in range(scene.face_start[k], scene.face_start[k + 1]):
+    for f in scene.face_item[scene.face_start[k] : scene.face_start[k + 1]]:
         # Only rays between these two slopes are at the face's height within the cell.
-        above = face[j, 12] - pz
+        above = face[f, 12] - pz
         at_leave, at_enter = above * per_leave, above * per_entered
         low, high = min(at_leave, at_enter), max(at_leave, at_enter)
         if high < lowest or low > highest:
@@ -156,10 +159,10 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
                 break
             s = above * per_slope[i]
             if (s >= 0.0) & (s < best[i]) and _over(
-                face, j, px + s * ux[i], py + s * uy[i], -SLACK
+                face, f, px + s * ux[i], py + s * uy[i], -SLACK
             ):
                 best[i] = s
-                hit[i] = scene.face_surface[j]
+                hit[i] = scene.face_surface[f]
                 met = True
     return met
 
@@ -172,7 +175,7 @@ def length_along(s, hit, pz, flat, rise, scene):
     return s / flat
 
 
-@kernel(inline="always")
+@kernel(fastmath={"nnan", "nsz"})
 def farthest(best):
     """Return the greatest length of the rays in the plane."""
     far = best[0]
@@ -198,7 +201,7 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
         scene: `PrismArrays`.
     """
     meet_planes(pz, slope, per_slope, best, hit, scene)
-    start, line, height, face_start = scene.start, scene.line, scene.height, scene.face_start
+    start, wall, face_start = scene.start, scene.wall, scene.face_start
     rows, columns, cell = scene.rows, scene.columns, scene.cell
     inverse = 1.0 / cell
     vx, vy = ux[0], uy[0]
@@ -231,22 +234,21 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
         lowest = pz + min(slope[0] * entered, slope[0] * leave) - SLACK
         highest = pz + max(slope[-1] * entered, slope[-1] * leave) + SLACK
         for j in range(start[k], start[k + 1]):
-            if height[j, 0] > highest or height[j, 1] < lowest:
+            if wall[j, 4] > highest or wall[j, 5] < lowest:
                 continue
-            wx, wy = line[j, 0] - px, line[j, 1] - py
-            ex, ey = line[j, 2], line[j, 3]
+            wx, wy = wall[j, 0] - px, wall[j, 1] - py
+            ex, ey = wall[j, 2], wall[j, 3]
             per_cross = 1.0 / (vx * ey - vy * ex)
             s = (wx * ey - wy * ex) * per_cross
             share = (wx * vy - wy * vx) * per_cross
             if (share >= -END) & (share <= 1.0 + END) & (s >= 0.0) & (s < far):
-                low, high = height[j, 0] - pz, height[j, 1] - pz
-                wall = scene.item[j]
+                low, high, w = wall[j, 4] - pz, wall[j, 5] - pz, scene.item[j]
                 met = False
                 for i in range(slope.size):
                     z = s * slope[i]
                     ends = (z >= low) & (z <= high) & (s < best[i])
                     best[i] = s if ends else best[i]
-                    hit[i] = wall if ends else hit[i]
+                    hit[i] = w if ends else hit[i]
                     met |= ends
                 if met:
                     far = farthest(best)

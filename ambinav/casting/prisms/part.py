@@ -112,7 +112,8 @@ def part_of(prisms: Prisms, box: Bounds) -> PrismPart:
     level = len(scene.level) - 2
     # Surfaces that are met: walls, then bottom and top of each solid, then floor and ceiling.
     used_walls = np.unique(scene.item[item])
-    solids = np.unique((scene.face_surface[face] - scene.walls) // 2)
+    used_faces = np.unique(scene.face_item[face])
+    solids = np.unique((scene.face_surface[used_faces] - scene.walls) // 2)
     horizontal = np.append((2 * solids[:, None] + (0, 1)).ravel(), (level, level + 1))
     horizontal = horizontal.astype(np.int64)
     surface = np.concatenate([used_walls, scene.walls + horizontal])
@@ -120,11 +121,11 @@ def part_of(prisms: Prisms, box: Bounds) -> PrismPart:
     part = scene._replace(
         start=none,
         item=np.searchsorted(used_walls, scene.item[item]).astype(np.int32),
-        line=scene.line[item],
-        height=scene.height[item],
+        wall=scene.wall[item],
         face_start=none,
-        face=scene.face[face],
-        face_surface=np.searchsorted(surface, scene.face_surface[face]).astype(np.int32),
+        face_item=np.searchsorted(used_faces, scene.face_item[face]).astype(np.int32),
+        face=scene.face[used_faces],
+        face_surface=np.searchsorted(surface, scene.face_surface[used_faces]).astype(np.int32),
         body_start=none,
         body=scene.body[body],
         walls=len(used_walls),

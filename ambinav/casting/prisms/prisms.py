@@ -215,13 +215,15 @@ class Prisms(PrismCaster):
             strict=True,
         )
         face_start, face, side = _merged(starts, faces)
-        owner = pieces.owner[face]
+        wall_z = np.add(self.wall_z, (-SLACK, SLACK))[grid.item]
+        faces_of = len(self.walls) + 2 * pieces.owner[:, None] + (0, 1)
         x0, y0 = grid.origin.tolist()
         return PrismArrays(
-            x0, y0, grid.cell, *grid.shape, grid.start, grid.item, grid.line,
-            self.wall_z[grid.item] + (-SLACK, SLACK),
-            face_start, np.hstack([pieces.edges[face], z[owner, side][:, None]]),
-            (len(self.walls) + 2 * owner + side).astype(np.int32),
+            x0, y0, grid.cell, *grid.shape, grid.start, grid.item,
+            np.hstack([grid.line, wall_z]),
+            face_start, (2 * face + side).astype(np.int32),
+            np.hstack([np.repeat(pieces.edges, 2, axis=0), z[pieces.owner].reshape(-1, 1)]),
+            faces_of.ravel().astype(np.int32),
             body_start, np.hstack([pieces.edges, z[pieces.owner]])[body],
             len(self.walls), self.floor, self.ceiling,
             np.concatenate([z.ravel(), (self.floor, self.ceiling)]), self.surface_normal,

@@ -16,6 +16,7 @@ from ambinav.casting.prisms.scans import (
     same_origin,
     turn_packet,
 )
+from ambinav.casting.prisms.wedge import no_marks
 from ambinav.casting.ray_packets import Packets
 from ambinav.runtime.array_types import Floats
 from ambinav.runtime.kernels import kernel
@@ -71,6 +72,7 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam, reading):
     longest = longest_of(packets)
     best, met = np.empty(longest), np.empty(longest, dtype=np.int64)
     vx, vy = np.empty(longest), np.empty(longest)
+    seen = no_marks(packets, scene)
     inside = False
     for c in range(packets.column.size):
         ox, oy = packets.origin[c, 0], packets.origin[c, 1]
@@ -86,7 +88,7 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam, reading):
                 has_reading |= math.isfinite(reading[beam[packets.ray[i]]])
             wanted = wanted and has_reading
         if wanted:
-            packet_ranges(c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met)
+            packet_ranges(c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met, seen)
         else:
             best[:], met[:] = math.nan if inside else math.inf, -1
         for i in range(low, high):
@@ -113,6 +115,7 @@ def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
     longest = longest_of(packets)
     best, met = np.empty(longest), np.empty(longest, dtype=np.int64)
     vx, vy = np.empty(longest), np.empty(longest)
+    seen = no_marks(packets, scene)
     for c in range(packets.column.size):
         ox, oy = packets.origin[c, 0], packets.origin[c, 1]
         high = packets.start[c]
@@ -130,7 +133,9 @@ def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
             if _no_start(px, py, packets.origin[c, 2], rays):
                 best[:], met[:] = math.nan, -1
             else:
-                packet_ranges(c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met)
+                packet_ranges(
+                    c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met, seen
+                )
             for i in range(low, high):
                 r, flat = packets.ray[i], packets.flat[i]
                 ux[r], uy[r] = vx[i - low] * flat, vy[i - low] * flat

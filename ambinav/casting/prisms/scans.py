@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ambinav.casting.prisms.kernel import cast_column, cast_upright, length_along, within_solid
-from ambinav.casting.prisms.wedge import cast_wedge
+from ambinav.casting.prisms.wedge import cast_wedge, no_marks
 from ambinav.casting.ray_packets import UPRIGHT
 from ambinav.runtime.kernels import kernel
 
@@ -50,7 +50,7 @@ def turn_packet(low, high, co, si, packets, ux, uy):
 
 
 @kernel(_nrt=False)
-def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit):
+def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit, seen):
     """Write the distances of n rays of packet c, which must not start in a solid.
 
     Args:
@@ -66,6 +66,7 @@ def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit
         reach: How far to look, metres.
         best: The first n are written, metres; inf where nothing is met.
         hit: The first n are written: the surface that is met, -1 for none.
+        seen: See `no_marks`.
     """
     ux, uy, best, hit = ux[: high - low], uy[: high - low], best[: high - low], hit[: high - low]
     pz, upright = packets.origin[c, 2], packets.flat[low] < UPRIGHT
@@ -78,7 +79,7 @@ def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit
         if packets.column[c] or high - low == 1:
             cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
         else:
-            cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
+            cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene, seen)
     for i in range(low, high):
         k = hit[i - low]
         if k < 0:
@@ -106,16 +107,19 @@ def scan_packets(begin, end, x, y, theta, packets, scene, reach, distance, surfa
     longest = longest_of(packets)
     best, hit = np.empty(longest), np.empty(longest, dtype=np.int64)
     ux, uy = np.empty(longest), np.empty(longest)
+    seen = no_marks(packets, scene)
     for p in range(begin, end):
         oblique = incidence[p] if incidence.size > 0 else incidence[:0].ravel()
         _scan(
-            x[p], y[p], theta[p], packets, scene, reach, ux, uy, best, hit, distance[p],
+            x[p], y[p], theta[p], packets, scene, reach, ux, uy, best, hit, seen, distance[p],
             surface[p], oblique,
         )  # fmt: skip
 
 
 @kernel(_nrt=False)
-def _scan(x, y, theta, packets, scene, reach, ux, uy, best, hit, distance, surface, incidence):
+def _scan(
+    x, y, theta, packets, scene, reach, ux, uy, best, hit, seen, distance, surface, incidence
+):
     co, si = math.cos(theta), math.sin(theta)
     inside = False
     for c in range(packets.column.size):
@@ -128,7 +132,7 @@ def _scan(x, y, theta, packets, scene, reach, ux, uy, best, hit, distance, surfa
         if inside:
             best[:], hit[:] = math.nan, -1
         else:
-            packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit)
+            packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit, seen)
         for i in range(low, high):
             r, k = packets.ray[i], hit[i - low]
             surface[r], distance[r] = k, best[i - low]
