@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.buildings.adjoining import union_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, GLASS, REFLECTOR, WALL, Segments, pieces_of
 from ambinav.runtime.array_types import Bools, Floats
@@ -97,7 +98,7 @@ def environment_from_shapes(
     frontier = list(opening_list)
     extent = None
     if room_list:
-        free = shapely.union_all(room_list)
+        free = union_of(room_list, NEAR, SHORTEST)
     else:
         free = extent = _box(label, bbox, [*solid_list, *wall_list, *opening_list])
         frontier.append(shapely.get_exterior_ring(free))
@@ -355,6 +356,9 @@ def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> Floats:
     if not walls:
         return np.empty((0, 4))
     border = free.boundary
+    # Walls that leave the border at a corner pass it by what is rounded: they are led through it.
+    corners = shapely.multipoints(shapely.get_coordinates(border))
+    walls = [shapely.snap(wall, corners, NEAR) for wall in walls]
     # Union with the border parts the walls where they reach it.
     noded = _parts(shapely.union_all([*walls, border]), shapely.LineString)
     pieces = np.concatenate([pieces_of(line) for line in noded])

@@ -8,10 +8,12 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.runtime.array_types import Bools, Floats, Indices, Ints
+from ambinav.runtime.array_types import Bools, Floats, Indices, Ints, Ints32
 
 # Metres. A bare stretch shorter than this is rounding.
 SHORTEST_BARE = 1e-3
+# Metres. An edge of a triangulation lies this near to its wall, from which slits are set off.
+ON_WALL = 2e-6
 
 
 def longest_bare(
@@ -127,6 +129,35 @@ def bare_pieces(edges: Floats, segments: Floats, near: float) -> tuple[Ints, Flo
     following = np.where(ends, 1.0, np.append(first[1:], 1.0))
     bare = (following > reached) & (size[edge] > 0.0)
     return edge[bare], reached[bare], following[bare]
+
+
+def owners_of(border: Floats, walls: Floats) -> Ints32:
+    """Find the wall on which each border edge of a triangulation lies.
+
+    Args:
+        border: End points of edges, shape (K, 4), metres.
+        walls: End points of walls, shape (N, 4), metres.
+
+    Returns:
+        Index of the wall, int32, shape (K,).
+    """
+    lines = shapely.linestrings(walls.reshape(-1, 2, 2))
+    tree = shapely.STRtree(lines)
+    middles = shapely.points((border[:, :2] + border[:, 2:]) / 2)
+    owner = np.asarray(tree.nearest(middles), dtype=np.int32)
+
+    def apart(edge: Indices, wall: Indices | Ints32) -> Floats:
+        ends = (shapely.points(border[edge, k : k + 2]) for k in (0, 2))
+        away = (shapely.distance(end, lines[wall]) for end in ends)
+        return np.asarray(np.maximum(*away), dtype=np.float64)
+
+    # Where an end of another wall lies at the middle of an edge, that one may be the nearest.
+    wrong = np.flatnonzero(apart(np.arange(len(border)), owner) > ON_WALL)
+    edge, wall = tree.query(middles[wrong], predicate="dwithin", distance=ON_WALL)
+    away = apart(wrong[edge], wall)
+    order = np.lexsort((-away, edge))
+    owner[wrong[edge[order]]] = wall[order]
+    return owner
 
 
 def lines_of(border: Floats, walls: Floats) -> Floats:

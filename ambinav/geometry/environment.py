@@ -21,7 +21,7 @@ from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.casting.space import SpaceCaster
 from ambinav.casting.turned import turned
 from ambinav.config import as_array, as_flat, as_nonnegative, as_number
-from ambinav.geometry.border_cover import lines_of, longest_bare
+from ambinav.geometry.border_cover import lines_of, longest_bare, owners_of
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.edit_in_space import edited_space
 from ambinav.geometry.footprint import ROUNDING
@@ -223,10 +223,7 @@ class Environment:
     @cached_property
     def border_segment(self) -> Ints32:
         """Segment on which each border edge of the triangulation lies, int32, (K,)."""
-        lines = shapely.linestrings(self.segments.xy.reshape(-1, 2, 2))
-        border = self.triangulation.border
-        middles = shapely.points((border[:, :2] + border[:, 2:]) / 2)
-        return np.asarray(shapely.STRtree(lines).nearest(middles), dtype=np.int32)
+        return owners_of(self.triangulation.border, self.segments.xy)
 
     @cached_property
     def border_lines(self) -> Floats:

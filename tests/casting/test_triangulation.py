@@ -71,7 +71,7 @@ def test_all_neighbours_of_a_triangle_are_reached_by_onward(env: Environment) ->
 
 
 def test_a_single_triangle() -> None:
-    points = np.array([[[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]])  # clockwise
+    points = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
     mesh = Triangulation.from_triangles(points)
     assert (mesh.twin < 0).all() and len(mesh.border) == 3
     x, y = np.array([0.2, 0.9, -0.1, math.nan, 1e9]), np.array([0.2, 0.9, 0.2, 0.2, 0.2])

@@ -7,7 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ambinav.casting.plane.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
+from ambinav.casting.plane.triangulation import (
+    LEFT,
+    PARALLEL,
+    RIGHT,
+    border_distance,
+    first_edge,
+    locate,
+)
 from ambinav.casting.scene import Scene
 from ambinav.runtime.array_types import Floats, Floats32, Indices, Ints32
 from ambinav.runtime.kernels import kernel
@@ -128,11 +135,16 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
     ax, ay = corner[3 * t, 0] - px, corner[3 * t, 1] - py
     bx, by = corner[3 * t + 1, 0] - px, corner[3 * t + 1, 1] - py
     cx, cy = corner[3 * t + 2, 0] - px, corner[3 * t + 2, 1] - py
+    along = False
     for i in range(n):
         a = ax * uy[i] - ay * ux[i] >= 0
         b = bx * uy[i] - by * ux[i] >= 0
         c = cx * uy[i] - cy * ux[i] >= 0
         through[i] = 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
+        along |= (a == b) & (b == c)
+    if along:
+        for i in range(n):
+            through[i] = first_edge(px, py, ux[i], uy[i], t, corner)
     first = through[0]
     second, third = (first + 1) % 3, (first + 2) % 3
     begun, seconds, thirds = n, 0, 0

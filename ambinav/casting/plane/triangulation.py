@@ -23,10 +23,17 @@ from ambinav.runtime.kernels import kernel
 # float32 at the size of a building, far above float64.
 SLIT = 1e-6
 MAX_CELLS = 4_000_000
+# Metres. Buildings farther from the map's origin are cut along their thin walls near it, to this
+# many binary places below the largest coordinate, of the 53 that a float has.
+FAR, PLACES = 1e4, 50
+# Metres. Corners that GEOS cannot triangulate are rounded to this, about a nanometre.
+FINEST = 2.0**-30
 # Columns of `Triangulation.hops`.
 LEFT, RIGHT = 4, 5
 # Sine of the angle between ray and edge below which they count as parallel.
-PARALLEL = 1e-12
+PARALLEL = 1e-7
+# The same between a ray that starts on an edge and this edge.
+ALONG = 1e-9
 
 
 class MeshArrays(NamedTuple):
@@ -77,20 +84,34 @@ class Triangulation:
     @classmethod
     def build(cls, free: BaseGeometry, thin_walls: Floats) -> Triangulation:
         """Triangulate `free` (polygons), cut along `thin_walls` (shape (N, 4), end points)."""
+        shift, far = np.zeros(2), float(np.abs(free.bounds).max())
         if len(thin_walls):
-            lines = shapely.linestrings(thin_walls.reshape(-1, 2, 2))
+            if far > FAR:
+                # GEOS may snap to a millionth of a millionth of the largest coordinate, which is
+                # wider than a slit at national coordinates. Whole metres round no coordinate.
+                shift = np.round(shapely.get_coordinates(free)[0])
+                free = shapely.transform(free, lambda points: points - shift)
+            lines = shapely.linestrings(thin_walls.reshape(-1, 2, 2) - shift)
             slits = shapely.union_all(shapely.buffer(lines, SLIT, quad_segs=1, cap_style="square"))
             free = free.difference(slits)
-        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(free))
-        points = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-        return cls.from_triangles(points)
+            if far > FAR:
+                # New corners too are to stay apart where they are shifted back.
+                free = shapely.set_precision(free, 2.0 ** (math.ceil(math.log2(far)) - PLACES))
+        try:
+            found = shapely.constrained_delaunay_triangles(free)
+        except shapely.GEOSException:  # corners that differ by what is rounded
+            found = shapely.constrained_delaunay_triangles(shapely.set_precision(free, FINEST))
+        triangles = shapely.get_parts(found)
+        # GEOS gives all of them clockwise. What turn one takes is not to be computed: of those
+        # without an area, where corners differ by what is rounded, it would be a matter of chance.
+        points = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, [0, 2, 1]]
+        return cls.from_triangles(points + shift)
 
     @classmethod
     def from_triangles(cls, points: Floats) -> Triangulation:
-        """Join triangles, shape (T, 3, 2), along the edges that two of them share."""
+        """Join counter-clockwise triangles, shape (T, 3, 2), along the edges that two share."""
         a, b, c = points[:, 0], points[:, 1], points[:, 2]
         turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        points = np.where((turn < 0)[:, None, None], points[:, [0, 2, 1]], points)
         corner = np.ascontiguousarray(points.reshape(-1, 2))
         _, name = np.unique(corner, axis=0, return_inverse=True)
         count = len(corner)
@@ -198,6 +219,33 @@ def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
 
 
 @kernel
+def _edge_ahead(px, py, ux, uy, t, corner, right):
+    """Return the edge through which a ray leaves triangle t that runs along one of its edges.
+
+    It leaves at the corner ahead on its line; the rest of the triangle is on its right or left.
+    From a corner that the ray leaves the triangle at, any edge will do: it stands on a wall.
+    """
+    for k in range(3):
+        wx, wy = corner[3 * t + k, 0] - px, corner[3 * t + k, 1] - py
+        along = wx * ux + wy * uy
+        if along > 0.0 and abs(wx * uy - wy * ux) <= ALONG * along:
+            return (k + 2) % 3 if right else k
+    return 2
+
+
+@kernel(inline="always")
+def first_edge(px, py, ux, uy, t, corner):
+    """Return the edge of triangle t through which the ray leaves it."""
+    h = 3 * t
+    a = (corner[h, 0] - px) * uy - (corner[h, 1] - py) * ux >= 0
+    b = (corner[h + 1, 0] - px) * uy - (corner[h + 1, 1] - py) * ux >= 0
+    c = (corner[h + 2, 0] - px) * uy - (corner[h + 2, 1] - py) * ux >= 0
+    if (a == b) & (b == c):
+        return _edge_ahead(px, py, ux, uy, t, corner, a)
+    return 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
+
+
+@kernel
 def _contains(x, y, index, inside):
     x0, y0, cell, rows, columns, start, item, triangle = index
     for i in range(x.size):
@@ -206,12 +254,14 @@ def _contains(x, y, index, inside):
 
 @kernel(inline="always")
 def border_distance(px, py, ux, uy, border, k):
-    """Return the distance along the ray to border edge k's line; if parallel, to its near end."""
+    """Return the distance along the ray to border edge k's line, or near the edge if parallel."""
     ax, ay = border[k, 0] - px, border[k, 1] - py
     ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
     cross = ux * ey - uy * ex
+    distance = (ax * ey - ay * ex) / cross if cross != 0.0 else -math.inf
     if abs(cross) > PARALLEL * (abs(ex) + abs(ey)):
-        return (ax * ey - ay * ex) / cross
+        return distance
+    # Where they meet is a matter of rounding, but it is on the edge and ahead.
     start = ax * ux + ay * uy
     end = start + ex * ux + ey * uy
-    return max(min(start, end), 0.0)
+    return max(min(distance, max(start, end)), min(start, end), 0.0)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ambinav.casting.plane.triangulation import LEFT, RIGHT, border_distance, locate
+from ambinav.casting.plane.triangulation import LEFT, RIGHT, border_distance, first_edge, locate
 from ambinav.casting.scene import Scene
 from ambinav.runtime.array_types import Bools, Floats, Ints32
 from ambinav.runtime.kernels import kernel
@@ -112,16 +112,6 @@ def _order(x, y, ux, uy, order, rays):
         start[key[i]] += 1
         order[to] = i
         rays[to, 0], rays[to, 1], rays[to, 2], rays[to, 3] = x[i], y[i], ux[i], uy[i]
-
-
-@kernel(inline="always")
-def first_edge(px, py, ux, uy, t, corner):
-    """Return the edge of triangle t through which the ray leaves it."""
-    h = 3 * t
-    a = (corner[h, 0] - px) * uy - (corner[h, 1] - py) * ux >= 0
-    b = (corner[h + 1, 0] - px) * uy - (corner[h + 1, 1] - py) * ux >= 0
-    c = (corner[h + 2, 0] - px) * uy - (corner[h + 2, 1] - py) * ux >= 0
-    return 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
 
 
 @kernel
