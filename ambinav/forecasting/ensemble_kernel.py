@@ -19,6 +19,7 @@ from ambinav.forecasting.ray_factors import HitCurve, hit_curve, ray_factors
 from ambinav.localization.ekf import update_runs
 from ambinav.localization.filter_state import FilterModel
 from ambinav.localization.mcl_update import (
+    BLOCK,
     carry_along,
     is_due,
     kept_weight,
@@ -26,8 +27,8 @@ from ambinav.localization.mcl_update import (
     take_in,
     update_run,
 )
-from ambinav.localization.odometry import apply_motion, deviations, motion_between, wrapped
-from ambinav.localization.random import normals, ziggurat
+from ambinav.localization.odometry import apply_motions, deviations, motion_between, wrapped
+from ambinav.localization.random import normals, ziggurats
 from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.kernels import kernel
 
@@ -167,7 +168,7 @@ def weigh_quickly(readings, model, table, curve, state):
     return math.nan
 
 
-@kernel(_nrt=False)
+@kernel
 def move_quickly(x, y, t, model, state):
     """Move the particles as `mcl_update.move_particles` does; return `mcl_update.kept_weight`.
 
@@ -178,11 +179,16 @@ def move_quickly(x, y, t, model, state):
     if state.ticks[0, 0] > 0:
         rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, t)
         sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
-        for i in range(count):
-            particles[i, 0], particles[i, 1], particles[i, 2] = apply_motion(
-                particles[i, 0], particles[i, 1], particles[i, 2],
-                rot1 + sd1 * ziggurat(random), trans + sd_trans * ziggurat(random),
-                rot2 + sd2 * ziggurat(random),
+        drawn, error = np.empty(3 * BLOCK), np.empty((3, BLOCK))
+        for first in range(0, count, BLOCK):
+            n = min(BLOCK, count - first)
+            ziggurats(random, drawn[: 3 * n])
+            for i in range(n):
+                error[0, i], error[1, i] = sd1 * drawn[3 * i], sd_trans * drawn[3 * i + 1]
+                error[2, i] = sd2 * drawn[3 * i + 2]
+            apply_motions(
+                particles[first : first + n], rot1, trans, rot2,
+                error[0, :n], error[1, :n], error[2, :n],
             )  # fmt: skip
     state.ticks[0, 0] = 1
     anchor[0], anchor[1], anchor[2] = x, y, t

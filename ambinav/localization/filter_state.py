@@ -8,7 +8,7 @@ import numpy as np
 
 from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
-from ambinav.localization.bins import table_size
+from ambinav.localization.bins import WINDOW, table_size
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import BeamNoise, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
@@ -114,8 +114,11 @@ class FilterState(NamedTuple):
             int64, shape (R, 2).
         keys: Bins of the particles, int64, shape (R, H).
         entry: Entries of `keys` in use, int32, shape (R, M).
+        places: Entry of each particle's bin, int32, shape (R, M).
+        found: Work space, int64, shape (R, M).
         label: Work space, int32, shape (R, H).
         stack: Work space, int32, shape (R, M).
+        headings: Work space, int64, shape (R, 2, W), see `bins.label_clusters`.
         sums: Work space, shape (R, M).
     """
 
@@ -132,8 +135,11 @@ class FilterState(NamedTuple):
     ticks: Ints
     keys: Ints
     entry: Ints32
+    places: Ints32
+    found: Ints
     label: Ints32
     stack: Ints32
+    headings: Ints
     sums: Floats
 
 
@@ -241,7 +247,7 @@ def covariance_roots(covariances: Floats) -> Floats:
 def filter_bytes(parameters: MclParameters) -> int:
     """Return the bytes of a run's rows in a `FilterState`, except for a few hundred."""
     most = parameters.max_particles
-    return 96 * most + 12 * table_size(most)
+    return 108 * most + 12 * table_size(most) + 16 * WINDOW * WINDOW
 
 
 def filter_state(parameters: MclParameters, runs: int, random: UInts) -> FilterState:
@@ -261,7 +267,10 @@ def filter_state(parameters: MclParameters, runs: int, random: UInts) -> FilterS
         ticks=np.zeros((runs, 2), dtype=np.int64),
         keys=np.full((runs, size), -1, dtype=np.int64),
         entry=np.zeros((runs, most), dtype=np.int32),
+        places=np.zeros((runs, most), dtype=np.int32),
+        found=np.zeros((runs, most), dtype=np.int64),
         label=np.zeros((runs, size), dtype=np.int32),
         stack=np.zeros((runs, most), dtype=np.int32),
+        headings=np.zeros((runs, 2, WINDOW * WINDOW), dtype=np.int64),
         sums=np.zeros((runs, most)),
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from ambinav.config import as_positive
 from ambinav.geometry.environment import Environment
+from ambinav.localization.sine_cosine import sine_cosine
 from ambinav.maps.lattice_values import bilinear
 from ambinav.runtime.array_types import Bools, Floats32
 from ambinav.runtime.errors import InputError
@@ -188,7 +189,8 @@ def nearest_totals(
         for k in range(n):
             x, y, t = particles[first + k, 0], particles[first + k, 1], particles[first + k, 2]
             pose[0, k], pose[1, k] = (x - x0) * inverse, (y - y0) * inverse
-            pose[2, k], pose[3, k] = math.cos(t) * inverse, math.sin(t) * inverse
+            s, c = sine_cosine(t)
+            pose[2, k], pose[3, k] = c * inverse, s * inverse
             totals[first + k] = 0.0 if log else 1.0
         for b in range(used):
             forward, left, least = end[b, 0], end[b, 1], floor[b]

@@ -36,28 +36,30 @@ from ambinav.localization.likelihood_field import field_factors
 from ambinav.localization.localizability_filter import localizability_filtered
 from ambinav.localization.odometry import (
     apply_motion,
+    apply_motions,
     deviations,
     motion_between,
-    sample_motion,
     spread_motion,
     wrapped,
 )
-from ambinav.localization.random import normals
+from ambinav.localization.random import normal_columns
 from ambinav.localization.resampling import random_pose, resample
 from ambinav.runtime.kernels import kernel
 
 # Largest share of the particles that recovery puts anywhere at once. Likelihoods that are sums
 # differ by a factor of five at most: with more of them, those that were right would be swamped.
 MOST_ANEW = 0.25
+# Particles moved at once: their errors stay in the first cache.
+BLOCK = 256
 
 
 @kernel
 def start_run(r, mean, root, model, state):
     """Spread run r's particles: normal about `mean` (3,), with covariance root root^T (3, 3)."""
-    particles = state.particles[r]
+    particles, error = state.particles[r], np.empty((4, model.most))
+    normal_columns(state.random[r], error)
     for i in range(model.most):
-        a, b = normals(state.random[r])
-        c, _ = normals(state.random[r])
+        a, b, c = error[0, i], error[1, i], error[2, i]
         for k in range(3):
             particles[i, k] = mean[k] + root[k, 0] * a + root[k, 1] * b + root[k, 2] * c
         particles[i, 2] = wrapped(particles[i, 2])
@@ -85,9 +87,11 @@ def begin(r, model, state):
     state.number[r] = model.most
     state.averages[r, 0] = state.averages[r, 1] = 0.0
     state.ticks[r, 0] = state.ticks[r, 1] = 0
-    update_estimate(
-        r, fill_bins(state.particles[r], model.most, state.keys[r], state.entry[r]), model, state
-    )
+    bins = fill_bins(
+        state.particles[r], model.most, state.keys[r], state.entry[r], state.places[r],
+        state.found[r],
+    )  # fmt: skip
+    update_estimate(r, bins, model, state)
 
 
 @kernel(_nrt=False)
@@ -95,8 +99,8 @@ def update_estimate(r, bins, model, state):
     """Compute run r's estimate from its particles, which are already sorted into bins."""
     estimate(
         state.particles[r], state.number[r], model.mean_of_all, state.keys[r],
-        state.entry[r, :bins], state.label[r], state.stack[r], state.sums[r],
-        state.base[r], state.base_covariance[r],
+        state.entry[r, :bins], state.places[r], state.label[r], state.stack[r], state.headings[r],
+        state.sums[r], state.base[r], state.base_covariance[r],
     )  # fmt: skip
     for i in range(3):
         state.mean[r, i] = state.base[r, i]
@@ -213,7 +217,7 @@ def carry_along(r, x, y, theta, model, state):
     spread_motion(state.covariance[r], base[2], rot1, trans, rot2, model.alpha)
 
 
-@kernel(_nrt=False)
+@kernel
 def move_particles(r, x, y, theta, model, state):
     """Move run r's particles, each with its own errors, to an odometry pose that is due."""
     particles, anchor = state.particles[r], state.anchor[r]
@@ -222,11 +226,16 @@ def move_particles(r, x, y, theta, model, state):
     else:
         rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, theta)
         sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
-        for i in range(state.number[r]):
-            particles[i, 0], particles[i, 1], particles[i, 2] = sample_motion(
-                particles[i, 0], particles[i, 1], particles[i, 2], rot1, trans, rot2,
-                sd1, sd_trans, sd2, state.random[r],
-            )  # fmt: skip
+        errors = np.empty((4, BLOCK))
+        for first in range(0, state.number[r], BLOCK):
+            last = min(first + BLOCK, state.number[r])
+            error = errors[:, : last - first]
+            normal_columns(state.random[r], error)
+            for i in range(last - first):
+                error[0, i] *= sd1
+                error[1, i] *= sd_trans
+                error[2, i] *= sd2
+            apply_motions(particles[first:last], rot1, trans, rot2, error[0], error[1], error[2])
     anchor[0], anchor[1], anchor[2] = x, y, theta
 
 
@@ -275,7 +284,9 @@ def take_in(r, prior, scale, model, state):
     if state.ticks[r, 1] % model.interval == 0:
         bins = renew(r, model, state)
     else:
-        bins = fill_bins(particles, count, state.keys[r], state.entry[r])
+        bins = fill_bins(
+            particles, count, state.keys[r], state.entry[r], state.places[r], state.found[r]
+        )
     update_estimate(r, bins, model, state)
 
 
@@ -294,7 +305,8 @@ def renew(r, model, state):
     drawn, bins = resample(
         state.particles[r], state.number[r], state.spare[r], model.method, share, model.error,
         model.quantile, model.least, model.most, model.areas, model.corner, state.random[r],
-        state.sums[r], state.stack[r], state.keys[r], state.entry[r],
+        state.sums[r], state.stack[r], state.keys[r], state.entry[r], state.places[r],
+        state.label[r], state.found[r],
     )  # fmt: skip
     if share > 0.0 and model.reset:
         average[0] = average[1] = 0.0

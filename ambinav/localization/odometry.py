@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from ambinav.config import NonNegative, as_array, as_arrays, check_fields
 from ambinav.localization.random import normals
+from ambinav.localization.sine_cosine import sine_cosine
 from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
@@ -167,6 +168,33 @@ def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
     a, b = normals(state)
     c, _ = normals(state)
     return apply_motion(x, y, t, rot1 + sd1 * a, trans + sd_trans * b, rot2 + sd2 * c)
+
+
+@kernel
+def apply_motions(particles, rot1, trans, rot2, turn1, straight, turn2):
+    """Apply a motion as `apply_motion` does to n poses, each with errors of its own, in place.
+
+    Args:
+        particles: x, y, theta and more, shape (n, ...), written.
+        rot1: Of the motion, as the next two.
+        trans: See there.
+        rot2: See there.
+        turn1: Error of rot1 of each, shape (n,); overwritten, as the next two.
+        straight: Error of trans.
+        turn2: Error of rot2.
+    """
+    n = particles.shape[0]
+    for i in range(n):
+        turn1[i] = particles[i, 2] + (rot1 + turn1[i])
+        turn2[i] = wrapped(turn1[i] + (rot2 + turn2[i]))
+    for i in range(n):
+        length = trans + straight[i]
+        s, c = sine_cosine(turn1[i])
+        straight[i], turn1[i] = length * s, length * c
+    for i in range(n):
+        particles[i, 0] += turn1[i]
+        particles[i, 1] += straight[i]
+        particles[i, 2] = turn2[i]
 
 
 @kernel

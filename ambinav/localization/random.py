@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ambinav.localization.sine_cosine import sine_cosine
 from ambinav.runtime.array_types import Floats, UInts
 from ambinav.runtime.kernels import kernel
 
@@ -93,6 +94,27 @@ def normals(state):
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(state)))
     angle = 2.0 * math.pi * uniform(state)
     return radius * math.cos(angle), radius * math.sin(angle)
+
+
+@kernel(_nrt=False)
+def normal_columns(state, out):
+    """Draw standard normal numbers, shape (2 K, n), as K calls of `normals` for each column would.
+
+    In a third of the time: many at a time, and with the state in registers.
+    """
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    for i in range(out.shape[1]):
+        for k in range(out.shape[0]):
+            drawn, s0, s1, s2, s3 = _next(s0, s1, s2, s3)
+            out[k, i] = float(drawn >> _ELEVEN) * _UNIT
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+    for k in range(0, out.shape[0], 2):
+        for i in range(out.shape[1]):
+            out[k, i] = math.sqrt(-2.0 * math.log(1.0 - out[k, i]))
+        for i in range(out.shape[1]):
+            s, c = sine_cosine(2.0 * math.pi * out[k + 1, i])
+            out[k + 1, i] = out[k, i] * s
+            out[k, i] *= c
 
 
 @kernel(forceinline=True)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ambinav.localization.bins import bin_of, kld_count, place_of
+from ambinav.localization.bins import bin_of, find_bins, kld_count, place_of
 from ambinav.localization.random import uniform
 from ambinav.runtime.kernels import kernel
 
@@ -120,7 +120,7 @@ def comb_count(particles, cumulated, count, error, quantile, least, most, shift,
 @kernel(_nrt=False)
 def resample(
     particles, count, out, method, share, error, quantile, least, most, areas, corner, state,
-    cumulated, guide, keys, entry,
+    cumulated, guide, keys, entry, places, known, found,
 ):  # fmt: skip
     """Draw a new set of particles of equal weight.
 
@@ -142,6 +142,9 @@ def resample(
         guide: Work space, int32, shape (M,).
         keys: Written: bins of the new set, as `bins.fill_bins` does.
         entry: Written, likewise.
+        places: Written, likewise.
+        known: Work space, int32, shape (M,).
+        found: Work space, int64, shape (M,).
 
     Returns:
         How many particles and how many occupied bins there are.
@@ -158,9 +161,14 @@ def resample(
     keys[:] = -1
     drawn = bins = 0
     enough = fixed if method == LOW_VARIANCE else most
+    # Entry of the bin of each particle that has been drawn before: copies share it.
+    known[:count] = -1
+    find_bins(particles, count, found)
     while drawn < enough:
+        k = -1
         if share > 0.0 and uniform(state) < share:
             x, y, t = random_pose(areas, corner, state)
+            key = bin_of(x, y, t)
             out[drawn, 4] = 1.0
         else:
             out[drawn, 4] = 0.0
@@ -173,11 +181,16 @@ def resample(
                 place = (drawn + shift) / fixed
             i = guided_first_above(place * total, cumulated, count, guide)
             x, y, t = particles[i, 0], particles[i, 1], particles[i, 2]
-        out[drawn, 0], out[drawn, 1], out[drawn, 2], out[drawn, 3] = x, y, t, 1.0
+            key, k = found[i], known[i]
+        if k < 0:
+            k = place_of(key, keys)
+            if out[drawn, 4] == 0.0:
+                known[i] = k
+        out[drawn, 0], out[drawn, 1], out[drawn, 2] = x, y, t
+        places[drawn] = k
         drawn += 1
-        k = place_of(bin_of(x, y, t), keys)
         if keys[k] < 0:
-            keys[k] = bin_of(x, y, t)
+            keys[k] = key
             entry[bins] = k
             bins += 1
             if method != LOW_VARIANCE:

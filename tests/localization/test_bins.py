@@ -7,8 +7,18 @@ import math
 import numpy as np
 from scipy import ndimage, stats
 
-from ambinav.localization.bins import estimate, fill_bins, kld_count, label_clusters, table_size
+from ambinav.localization.bins import (
+    WINDOW,
+    bin_of,
+    estimate,
+    fill_bins,
+    kld_count,
+    label_clusters,
+    table_size,
+)
 from tests.localization.worlds import turned
+
+HEADINGS = np.empty((2, WINDOW**2), dtype=np.int64)
 
 
 def cloud(seed: int, count: int = 1500) -> np.ndarray:
@@ -28,6 +38,13 @@ def tables(count: int) -> tuple[np.ndarray, ...]:
     size = table_size(count)
     small = (np.empty(n, dtype=np.int32) for n in (count, size, count))
     return np.empty(size, dtype=np.int64), *small
+
+
+def filled(particles: np.ndarray, keys: np.ndarray, entry: np.ndarray) -> tuple[int, np.ndarray]:
+    """How many bins `fill_bins` fills, and the entry of each particle's."""
+    count = len(particles)
+    places, found = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int64)
+    return fill_bins(particles, count, keys, entry, places, found), places
 
 
 def keys_of(particles: np.ndarray) -> np.ndarray:
@@ -67,9 +84,10 @@ def clusters_slowly(particles: np.ndarray) -> np.ndarray:
 def test_bins_are_counted() -> None:
     particles = cloud(1)
     keys, entry, _, _ = tables(len(particles))
-    bins = fill_bins(particles, 1000, keys, entry)
+    bins, places = filled(particles[:1000], keys, entry)
     assert bins == len(np.unique(keys_of(particles[:1000]), axis=0))
     assert len(np.unique(keys[entry[:bins]])) == bins == (keys >= 0).sum()
+    assert [keys[k] for k in places] == [bin_of.py_func(*row[:3]) for row in particles[:1000]]
 
 
 def test_kld_count_is_foxs() -> None:
@@ -90,15 +108,15 @@ def test_clusters_are_connected_components() -> None:
     for seed in range(5):
         particles = cloud(seed)
         keys, entry, label, stack = tables(len(particles))
-        bins = fill_bins(particles, len(particles), keys, entry)
-        count = label_clusters(bins, keys, entry, label, stack)
+        bins, _ = filled(particles, keys, entry)
+        count = label_clusters(bins, keys, entry, label, stack, HEADINGS)
         slow = clusters_slowly(particles)
         assert count == len(np.unique(slow))
         place = {int(keys[k]): int(label[k]) for k in entry[:bins]}
         mine = []
         for row in particles:
             one, at = tables(1)[:2]
-            fill_bins(row[np.newaxis], 1, one, at)
+            filled(row[np.newaxis], one, at)
             mine.append(place[int(one[at[0]])])
         assert len(set(zip(mine, slow.tolist(), strict=True))) == count
 
@@ -107,13 +125,16 @@ def test_estimate_is_the_mean_of_the_heaviest_cluster() -> None:
     particles = cloud(3)
     n = len(particles)
     keys, entry, label, stack = tables(n)
-    bins = fill_bins(particles, n, keys, entry)
+    bins, places = filled(particles, keys, entry)
     slow = clusters_slowly(particles)
     weight = particles[:, 3]
     best = max(np.unique(slow), key=lambda k: weight[slow == k].sum())
     for whole, chosen in ((False, slow == best), (True, np.ones(n, dtype=bool))):
         mean, cov = np.empty(3), np.empty((3, 3))
-        estimate(particles, n, whole, keys, entry[:bins], label, stack, np.empty(n), mean, cov)
+        estimate(
+            particles, n, whole, keys, entry[:bins], places, label, stack, HEADINGS, np.empty(n),
+            mean, cov,
+        )  # fmt: skip
         w, p = weight[chosen], particles[chosen]
         assert np.allclose(mean[:2], np.average(p[:, :2], axis=0, weights=w))
         heading = np.angle(np.average(np.exp(1j * p[:, 2]), weights=w))
@@ -132,11 +153,14 @@ def test_bins_are_alike_anywhere_on_earth() -> None:
         moved = particles.copy()
         moved[:, :2] += offset
         keys, entry, label, stack = tables(len(moved))
-        bins = fill_bins(moved, len(moved), keys, entry)
-        clusters = label_clusters(bins, keys, entry, label, stack)
+        bins, places = filled(moved, keys, entry)
+        clusters = label_clusters(bins, keys, entry, label, stack, HEADINGS)
         mean, cov = np.empty(3), np.empty((3, 3))
         sums = np.empty(len(moved))
-        estimate(moved, len(moved), False, keys, entry[:bins], label, stack, sums, mean, cov)
+        estimate(
+            moved, len(moved), False, keys, entry[:bins], places, label, stack, HEADINGS, sums,
+            mean, cov,
+        )  # fmt: skip
         results.append((bins, clusters, *(mean[:2] - offset), mean[2], *cov.ravel()))
     np.testing.assert_allclose(results[1:], [results[0]] * 2, atol=1e-6)
 
@@ -146,5 +170,15 @@ def test_clusters_reach_across_the_end_of_the_bins() -> None:
     particles[:, 0] = 2.0**20 / 2.0 + np.array([-0.1, 0.1])
     particles[:, 1] = -(2.0**20) + np.array([-0.1, 0.1])
     keys, entry, label, stack = tables(2)
-    assert fill_bins(particles, 2, keys, entry) == 2
-    assert label_clusters(2, keys, entry, label, stack) == 1
+    assert filled(particles, keys, entry)[0] == 2
+    assert label_clusters(2, keys, entry, label, stack, HEADINGS) == 1
+
+
+def test_squares_far_apart_do_not_hide_each_other() -> None:
+    """The neighbour of the first bin, where there is none, shares its bits with the last's."""
+    particles = np.zeros((3, 5))
+    particles[:, 0] = 0.25 + 0.5 * np.array([WINDOW - 1, 1, 0])
+    particles[:, 1:3] = 0.1
+    keys, entry, label, stack = tables(3)
+    assert filled(particles, keys, entry)[0] == 3
+    assert label_clusters(3, keys, entry, label, stack, HEADINGS) == 2

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.localization.odometry import OdometryModel, deviations, motion_between, wrapped
+from ambinav.localization.odometry import (
+    OdometryModel,
+    apply_motion,
+    apply_motions,
+    deviations,
+    motion_between,
+    wrapped,
+)
 from ambinav.localization.random import states
 from ambinav.runtime.errors import InputError
 from tests.localization.worlds import turned
@@ -102,6 +109,16 @@ def test_covariance_is_that_of_the_samples() -> None:
     got = off.T @ off / len(off)
     assert np.abs(got - expected).max() < 0.03 * expected.max()
     assert np.allclose(expected, expected.T)
+
+
+def test_many_motions_are_each_as_one() -> None:
+    rng = np.random.default_rng(8)
+    poses, errors = rng.uniform(-3.0, 3.0, (100, 5)), rng.normal(0.0, 0.5, (3, 100))
+    expected = poses.copy()
+    for pose, (turn1, straight, turn2) in zip(expected, errors.T, strict=True):
+        pose[:3] = apply_motion.py_func(*pose[:3], 0.4 + turn1, 0.6 + straight, turn2 - 0.2)
+    apply_motions(poses, 0.4, 0.6, -0.2, *errors)
+    np.testing.assert_allclose(poses, expected, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, "much"])

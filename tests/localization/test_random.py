@@ -8,6 +8,7 @@ from numba import njit
 from scipy import stats
 
 from ambinav.localization.random import (
+    normal_columns,
     normals,
     states,
     states_of_each,
@@ -141,3 +142,13 @@ def test_states_of_each_are_those_of_its_generator_alone() -> None:
     share = bits.reshape(-1, 256).mean(axis=0)
     assert share[0] == 1.0
     assert np.abs(share[1:] - 0.5).max() < 5.0 * 0.5 / np.sqrt(240.0)
+
+
+def test_columns_are_what_single_calls_draw() -> None:
+    """Two calls for each column; the state goes on from there."""
+    state = states(np.random.default_rng(9), 1)[0]
+    same, columns, pairs = state.copy(), np.empty((4, 300)), np.empty((600, 2))
+    normal_columns(state, columns)
+    normals_of(same, pairs)
+    np.testing.assert_allclose(columns.T, pairs.reshape(300, 4), rtol=1e-14, atol=1e-14)
+    np.testing.assert_array_equal(state, same)

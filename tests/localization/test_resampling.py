@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.localization.bins import kld_count, table_size
+from ambinav.localization.bins import bin_of, kld_count, table_size
 from ambinav.localization.random import states
 from ambinav.localization.resampling import (
     CODES,
@@ -32,15 +32,18 @@ def drawn(
     """The new set and how many bins it fills."""
     size = max(most, len(particles))
     out = np.zeros((size, 5))
+    keys, places = np.empty(table_size(size), dtype=np.int64), np.empty(size, dtype=np.int32)
     triangles = ROOM.triangulation.corner.reshape(-1, 3, 2)
     edges = triangles[:, 1:] - triangles[:, :1]
     areas = np.cumsum(np.abs(np.linalg.det(edges)) / 2)
     count, bins = resample(
         particles, len(particles), out, method, share, 0.05, 0.99, least, most, areas,
         ROOM.triangulation.corner, states(np.random.default_rng(seed), 1)[0], np.empty(size),
-        np.empty(size, dtype=np.int32), np.empty(table_size(size), dtype=np.int64),
-        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32), keys, np.empty(size, dtype=np.int32), places,
+        np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int64),
     )  # fmt: skip
+    # Copies share a bin's entry, and what was put anywhere has one of its own.
+    assert [keys[k] for k in places[:count]] == [bin_of.py_func(*row[:3]) for row in out[:count]]
     return out[:count], bins
 
 

@@ -84,8 +84,8 @@ def find_clusters(i, odometry, filters, found):
     """
     particles, count, keys = filters.particles[i], filters.number[i], filters.keys[i]
     label, cluster, share = filters.label[i], filters.stack[i], filters.sums[i]
-    bins = fill_bins(particles, count, keys, filters.entry[i])
-    clusters = label_clusters(bins, keys, filters.entry[i], label, cluster)
+    bins = fill_bins(particles, count, keys, filters.entry[i], filters.places[i], filters.found[i])
+    clusters = label_clusters(bins, keys, filters.entry[i], label, cluster, filters.headings[i])
     total = 0.0
     for c in range(clusters):
         share[c] = 0.0
