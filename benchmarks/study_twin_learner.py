@@ -20,7 +20,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
-from belief_planners import BELIEF_METHODS
+from belief_methods import BELIEF_METHODS
 from harness import arguments, option, report, table
 from numpy.typing import NDArray
 from sb3_contrib import RecurrentPPO

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from belief_planners import BELIEF_METHODS
+from belief_methods import BELIEF_METHODS
 from harness import arguments, kept_or_made, option, report, table
 from numpy.typing import NDArray
 from study_tasks import drive
