@@ -116,7 +116,7 @@ class LookModel:
     def end(self, state: Looking, k: int) -> float:
         """Return the expected reward of driving to the goal by hypothesis k and declaring there."""
         prices = self._prices
-        seconds = self._to_goal[state.place][k] / prices.speed
+        seconds = float(self._to_goal[state.place][k]) / prices.speed
         if seconds > state.left:
             return -prices.second * state.left
         right = state.belief[k]
@@ -222,9 +222,9 @@ class TreeSearch:
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
         """Plan where that is due, and drive."""
         p = self._p
-        points = np.tile(np.float32([0.0, 1.0, 0.0]), (simulation.count, 1))
+        points = np.tile(np.array([0.0, 1.0, 0.0], np.float32), (simulation.count, 1))
         arrived = np.zeros(simulation.count, dtype=np.bool_)
-        for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
+        for i in np.flatnonzero(simulation.state["outcome"] == RUNNING).tolist():
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
             hypotheses = heaviest(simulation, i)
