@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from task_baselines import BASELINES, Baseline, Histogram
+from task_baselines import Histogram
 
 from ambinav.geometry.frames import between, compose
 from ambinav.runtime.array_types import Bools
@@ -124,19 +124,21 @@ class Looks(NamedTuple):
             off = np.minimum(off, np.hypot(*(every - every[chosen[-1]]).T))
             chosen.append(int(np.argmax(off)))
         places = every[chosen]
-        scans = _scans(site, np.column_stack([places, np.zeros(len(places))]))
-        fields = [_field(site, place) for place in places]
+        scans = scans_at(site, np.column_stack([places, np.zeros(len(places))]))
+        fields = [building_field(site, place) for place in places]
         apart = np.array([[site.lattice.distance(f, *p) for p in places] for f in fields])
         return cls(places, scans, apart)
 
 
-def _field(site: Site, place: Floats) -> NDArray[np.float32]:
+def building_field(site: Site, place: Floats) -> NDArray[np.float32]:
+    """Return the metres to a place from each cell of a building's lattice."""
     field = np.empty(site.lattice.room.shape, dtype=np.float32)
     spread_from(float(place[0]), float(place[1]), site.lattice.table, field)
     return field
 
 
-def _scans(site: Site, poses: Floats) -> Floats:
+def scans_at(site: Site, poses: Floats) -> Floats:
+    """Return the ranges that the map predicts at poses, shape (C, B), metres."""
     rays = site.building.scanner.rays()
     far = float(rays.max_range.max())
     ranges = cast_beams(site.building.environment, rays, far, *poses.T.copy())
@@ -144,13 +146,13 @@ def _scans(site: Site, poses: Floats) -> Floats:
     return np.nan_to_num(ranges.astype(np.float64), nan=-far, posinf=far)
 
 
-def _hypotheses(simulation: Simulation, i: int) -> Floats:
+def heaviest(simulation: Simulation, i: int) -> Floats:
     """Return share and pose of each hypothesis of robot i that counts, heaviest first."""
     clusters = simulation.clusters[i]
     return clusters[: max(int((clusters[:, 0] >= LEAST).sum()), 1)]
 
 
-def _driven(
+def driven_towards(
     drive: Histogram, observations: Observation, points: NDArray[np.float32], arrived: Bools
 ) -> Any:
     """Return actions towards points; who has arrived stands and declares it, and nobody else."""
@@ -201,7 +203,7 @@ class Planner:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            step, hypotheses = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
+            step, hypotheses = int(simulation.state["steps"][i]), heaviest(simulation, i)
             planned = self._plans.get(i)
             if self._looks:
                 looks = self._looks_by_key[site.building.key]
@@ -220,7 +222,7 @@ class Planner:
                 del self._plans[i]
             wx, wy = ahead(x, y, target, p.waypoint_distance, towards, site.lattice.frame)
             polar(x, y, np.cos(theta), np.sin(theta), wx, wy, points, i)
-        return _driven(self._drive, observations, points, arrived)
+        return driven_towards(self._drive, observations, points, arrived)
 
     def _due(self, step: int, hypotheses: Floats, planned: tuple[int, Floats, Any]) -> bool:
         before = planned[1]
@@ -242,7 +244,7 @@ class Planner:
             place = int(np.argmax(gain))
             if gain[place] > commit[best]:
                 target = looks.places[place]
-                field = _field(site, target)
+                field = building_field(site, target)
                 return 0, target, CostToGo.of(field, site.lattice.table).towards
         return best, None, task.cost_to_go.towards
 
@@ -262,8 +264,11 @@ class Planner:
         """
         count, places = len(share), len(looks.places)
         offsets = between(poses[0], np.column_stack([looks.places, np.zeros(places)]))
-        targets = [looks.places] + [compose(poses[k], offsets)[:, :2] for k in range(1, count)]
-        scans = [looks.scans] + [_scans(site, compose(poses[k], offsets)) for k in range(1, count)]
+        targets = [looks.places]
+        targets += [compose(poses[k], offsets)[:, :2] for k in range(1, count)]
+        scans = [looks.scans] + [
+            scans_at(site, compose(poses[k], offsets)) for k in range(1, count)
+        ]
         to_go = [
             np.array([site.lattice.distance(to_goal, *at) for at in targets[k].tolist()])
             for k in range(count)
@@ -278,7 +283,7 @@ class Planner:
         for _ in range(self._looks - 1):
             value = {s: self._after(share, s, ends[s], value, alike, looks.apart) for s in sets}
         everyone = sets[-1]
-        field = _field(site, poses[0, :2])
+        field = building_field(site, poses[0, :2])
         first = np.array([site.lattice.distance(field, *at) for at in looks.places.tolist()])
         return self._after_look(everyone, value, alike) - self._metre * first
 
@@ -341,7 +346,7 @@ class QMdp:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            hypotheses = _hypotheses(simulation, i)
+            hypotheses = heaviest(simulation, i)
             cost = np.zeros(self.HEADINGS)
             for share, x, y, theta in hypotheses:
                 for h, angle in enumerate(theta + angles):
@@ -352,22 +357,4 @@ class QMdp:
             points[i, 1:] = np.cos(best), np.sin(best)
             off = np.hypot(*(hypotheses[:, 1:3] - task.goal).T)
             arrived[i] = (off <= p.goal_radius).all()
-        return _driven(self._drive, observations, points, arrived)
-
-
-BELIEF_METHODS: dict[str, Baseline] = {
-    "bold": Baseline("route of the heaviest hypothesis", Declares),
-    "wander": Baseline(
-        "straight on where there is room, until 90 % sure", lambda p: Declares(p, 0.9)
-    ),
-    "wall-75": Baseline(
-        "along the wall on its left, until 75 % sure", lambda p: FollowsWall(p, 0.75)
-    ),
-    "wall-90": Baseline("the same until 90 % sure", lambda p: FollowsWall(p, 0.9)),
-    "point": Baseline("best hypothesis now", lambda p: Planner(p, 0), kind="planner"),
-    "qmdp": Baseline("QMDP", QMdp, kind="planner"),
-    "look-1": Baseline("plans one look", lambda p: Planner(p, 1), kind="planner"),
-    "look-3": Baseline("plans up to three looks", Planner, kind="planner"),
-    "oracle": BASELINES["oracle"],
-}
-"""Methods of `study_twin_rooms.py`, by name."""
+        return driven_towards(self._drive, observations, points, arrived)

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from belief_planners import BELIEF_METHODS
-from harness import arguments, option, report, table
+from belief_methods import BELIEF_METHODS
+from harness import arguments, kept_or_made, option, report, table
 from numpy.typing import NDArray
 from study_tasks import drive
 from task_baselines import Baseline, baseline
 
 from ambinav.drive.bootstrap import share
-from ambinav_envs.evaluation import UNSEEN, Episodes
+from ambinav_envs.evaluation import UNSEEN
 from ambinav_envs.registration import IDS
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 from ambinav_envs.tasks import TWIN_ROOMS
@@ -33,7 +34,31 @@ HEADER = (
 )  # fmt: skip
 
 
-def scores(episodes: Episodes, reward: Mapping[str, float]) -> NDArray[np.float64]:
+class Driven(NamedTuple):
+    """How E episodes ended, shape (E,): a code of `layout.OUTCOMES`, and after how many seconds."""
+
+    outcome: NDArray[np.int64]
+    seconds: NDArray[np.float64]
+
+    def ended(self, code: int) -> NDArray[np.bool_]:
+        """Return which episodes ended with this outcome."""
+        return np.asarray(self.outcome == code, dtype=np.bool_)
+
+
+def driven_by(
+    who: Baseline, key: Mapping[str, Any], options: dict[str, Any], kept: Path | None
+) -> Driven:
+    """Drive episodes, or read them from the file `kept` if the same code has driven them before."""
+
+    def rows() -> dict[str, Any]:
+        episodes = drive(options, who, key["episodes"], key["seed"])
+        return {"outcome": episodes.outcome.tolist(), "seconds": episodes.seconds.tolist()}
+
+    row = rows() if kept is None or who.kind == "learner" else kept_or_made(kept, key, rows)
+    return Driven(np.array(row["outcome"]), np.array(row["seconds"]))
+
+
+def scores(episodes: Driven, reward: Mapping[str, float]) -> NDArray[np.float64]:
     """Return the score of each episode, by the weights of the task's reward."""
     ends = (
         reward["arrival"] * episodes.ended(ARRIVED)
@@ -49,15 +74,25 @@ def with_error(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def section(
-    level: str, whom: dict[str, Baseline], place: dict[str, Any], episodes: int, seed: int
+    level: str,
+    whom: dict[str, Baseline],
+    place: dict[str, Any],
+    episodes: int,
+    seed: int,
+    kept: Path | None = None,
+    against: str | None = None,
 ) -> str:
-    """Return the table of a level, and the paired leads of the best of each kind."""
+    """Return the table of a level, and paired leads.
+
+    These are of the best of each kind; or of one method over each other one, if that is named.
+    """
     rows, scored = [], {}
     options = {**IDS[LEVELS[level]], **place}
     if "map" in place:
         del options["suite"], options["buildings"]
     for name, who in whom.items():
-        driven = drive(options, who, episodes, seed)
+        key = {"level": level, "method": name, "place": place, "episodes": episodes, "seed": seed}
+        driven = driven_by(who, key, options, kept)
         scored[name] = scores(driven, options["reward"])
         often, (mean, error) = share(driven.ended(ARRIVED)).scaled(100.0), with_error(scored[name])
         rows.append([
@@ -68,6 +103,12 @@ def section(
         print(level, *rows[-1], sep=" | ", flush=True)
     where = place.get("map", "buildings that no policy has seen")
     text = f"## {LEVELS[level].removeprefix('ambinav/')}, {where}\n\n{table(HEADER, rows, 3)}\n\n"
+    if against is not None:
+        for rival in scored:
+            if rival != against:
+                lead, error = with_error(scored[against] - scored[rival])
+                text += f"- {against} over {rival}: {lead:.2f} ± {error:.2f}\n"
+        return text
     best = {
         kind: max(
             (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: scored[n].mean()
@@ -96,6 +137,8 @@ def main() -> None:
         policy=option(None, "NAME=FILE of a trained policy, repeatable", action="append"),
         episodes=100,
         seed=1,
+        kept=option(None, "file of JSON lines to keep episodes in, and read them from", type=Path),
+        against=option(None, "a method whose lead over each other one is given"),
     )
     whom = {name: BELIEF_METHODS[name] for name in args.method or BELIEF_METHODS}
     for policy in args.policy or ():
@@ -104,7 +147,7 @@ def main() -> None:
         whom[name] = Baseline(f"trained: {name}", who.make, who.seeing, "learner")
     places = [{"map": name} for name in args.map or ()] or [UNSEEN_BUILDINGS]
     parts = [
-        section(level, whom, place, args.episodes, args.seed)
+        section(level, whom, place, args.episodes, args.seed, args.kept, args.against)
         for place in places
         for level in args.level or LEVELS
     ]

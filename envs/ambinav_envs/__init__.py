@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ambinav_envs.beliefs import as_beliefs as as_beliefs
     from ambinav_envs.beliefs import belief_numbers as belief_numbers
     from ambinav_envs.beliefs import filter_belief as filter_belief
+    from ambinav_envs.buffered import BufferedEnv as BufferedEnv
     from ambinav_envs.commands import as_actions as as_actions
     from ambinav_envs.commands import as_commands as as_commands
     from ambinav_envs.evaluation import Episodes as Episodes

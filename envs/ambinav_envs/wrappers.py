@@ -42,7 +42,7 @@ class _Mapped(VectorWrapper[Any, Any, Any, Any, Any], ABC):
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
-        self._single = _parts(env)
+        self._single = numeric_parts(env)
         self.single_observation_space = self._space(self._single)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
@@ -139,7 +139,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
     def __init__(self, env: VectorEnv[Any, Any, Any], frames: int) -> None:
         super().__init__(env)
         self._frames = as_count(frames, "frames")
-        single = _parts(env)
+        single = numeric_parts(env)
         self.single_observation_space = batch_space(single, self._frames)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._stack: Observation = {}
@@ -195,7 +195,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         return {name: part.copy() for name, part in self._stack.items()}
 
 
-def _parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
+def numeric_parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
     """Return one robot's observation space, checked to have numeric parts."""
     single = env.single_observation_space
     if not isinstance(single, spaces.Dict) or not all(
