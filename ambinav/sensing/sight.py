@@ -77,7 +77,7 @@ class Sight:
             parts.append(f"{unknown} end at unknown space")
         text = ", ".join(parts)
         if self.surfaces == 0:
-            return f"{text[0].upper()}{text[1:]}; no wall is in range."
+            return f"{text[0].upper()}{text[1:]}; no beam meets a wall."
         count = "one surface" if self.surfaces == 1 else f"{self.surfaces} surfaces"
         how = ""
         if self.directions == 1:

@@ -63,7 +63,7 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
     if not at_wall.any():
         ended = int(sight.frontier.sum())
         unknown = f"; {ended} of {sight.beams} beams end at unknown space" if ended else ""
-        return Cause((), f"No wall stands within {reach}{unknown}.")
+        return Cause((), f"No beam meets a wall within {reach}{unknown}.")
     along, walls = np.zeros_like(at_wall), tuple[SeenWall, ...]()
     if direction is not None:
         turn = np.abs((sight.along - direction + math.pi / 2) % math.pi - math.pi / 2)
@@ -74,13 +74,13 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
         return Cause((), f"{at_wall.sum()} of {sight.beams} beams reach a wall; {nearest}.")
     if len(walls) == 2:
         separation = sum(wall.distance for wall in walls)
-        text, them = f"Two walls run along the weak direction, {separation:.1f} m apart", "them"
+        text = f"Two walls run along the weak direction, {separation:.1f} m apart"
     else:
-        text, them = f"One wall runs along the weak direction, {walls[0].distance:.1f} m away", "it"
+        text = f"One wall runs along the weak direction, {walls[0].distance:.1f} m away"
     where = " and ".join(wall.text for wall in walls)
     across = int((at_wall & ~along).sum())
     if not across:
-        across_text = f"nothing across {them} stands within {reach}"
+        across_text = f"no beam meets another wall within {reach}"
     else:
         only = "only " if across <= FEW * sight.beams else ""
         across_text = f"{only}{across} of {sight.beams} beams end on another wall"

@@ -76,10 +76,11 @@ def plot_finding(audit: Audit, finding: Finding) -> Axes:
     """Draw what the scanner sees at a place."""
     place = finding.place
     slide = None
-    if place.direction is not None:
+    # At a heading without an echo no direction is seen better than the others.
+    if place.direction is not None and finding.sight.silent < finding.sight.beams:
         slide = (place.direction, place.major_radius)
     title = f"Place {place.number}: {place.zone} at ({place.x:.1f}, {place.y:.1f}) m"
     if place.worst_heading is not None:
-        title += f", heading {degrees(finding.sight.theta)}"
+        title += f", at its worst heading, {degrees(finding.sight.theta)}"
     walls = [(wall.start, wall.end) for wall in finding.cause.walls]
     return plot_scan(audit.amap, finding.sight, slide=slide, walls=walls, title=title)

@@ -40,7 +40,7 @@ def test_a_corridor_is_two_walls_as_far_as_the_scanner_sees(angle: float) -> Non
         assert ends[:, 0] == pytest.approx([-half, half], abs=0.14)
         assert (np.abs(ends[:, 0]) <= half).all()
     assert cause.sentence.startswith("Two walls run along the weak direction, 2.0 m apart, from (")
-    assert cause.sentence.endswith("; nothing across them stands within 3.5 m.")
+    assert cause.sentence.endswith("; no beam meets another wall within 3.5 m.")
 
 
 def test_what_ends_across_is_counted() -> None:
@@ -58,9 +58,16 @@ def test_one_wall_and_none() -> None:
     cause = seen(hall, 10.0, 2.0, 0.0)
     assert [wall.distance for wall in cause.walls] == pytest.approx([2.0])
     assert cause.sentence.startswith("One wall runs along the weak direction, 2.0 m away, from (")
-    assert seen(hall, 10.0, 10.0, None) == Cause((), "No wall stands within 3.5 m.")
+    assert seen(hall, 10.0, 10.0, None) == Cause((), "No beam meets a wall within 3.5 m.")
     corner = seen(hall, 3.0, 2.0, None)
     assert corner.walls == () and "the nearest wall is 2.0 m away" in corner.sentence
+
+
+def test_a_wall_behind_a_scanner_is_not_denied() -> None:
+    hall = an.environment_from_shapes([shapely.box(0, 0, 20, 20)])
+    ahead = an.RangeScanner.planar(sensor=SCANNER.sensors[0], beams=181, aperture=math.pi)
+    cause = cause_of(look(hall, ahead, 10.0, 1.0, math.pi / 2), 0.0)
+    assert cause == Cause((), "No beam meets a wall within 3.5 m.")
 
 
 def test_a_sliver_of_a_wall_is_no_cause() -> None:

@@ -47,7 +47,7 @@ def test_the_edge_of_the_unknown_is_no_surface(building, laser):
     sight = look(building, laser, 25.0, 5.0, 0.0)
     assert sight.frontier.sum() == 60 - sight.silent > 0
     assert sight.surfaces == 0
-    assert "end at unknown space; no wall is in range" in sight.sentence
+    assert "end at unknown space; no beam meets a wall" in sight.sentence
 
 
 def test_its_picture_tells_the_unknown_from_echoes(building, laser):
