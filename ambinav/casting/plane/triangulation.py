@@ -102,16 +102,17 @@ class Triangulation:
         except shapely.GEOSException:  # corners that differ by what is rounded
             found = shapely.constrained_delaunay_triangles(shapely.set_precision(free, FINEST))
         triangles = shapely.get_parts(found)
-        # GEOS gives all of them clockwise. What turn one takes is not to be computed: of those
-        # without an area, where corners differ by what is rounded, it would be a matter of chance.
-        points = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, [0, 2, 1]]
+        points = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+        # GEOS gives all of them one turn. That of each is not to be computed: of those without an
+        # area, where corners differ by what is rounded, it would be a matter of chance.
+        if turns(*points.swapaxes(0, 1)).sum() < 0.0:
+            points = points[:, [0, 2, 1]]
         return cls.from_triangles(points + shift)
 
     @classmethod
     def from_triangles(cls, points: Floats) -> Triangulation:
         """Join counter-clockwise triangles, shape (T, 3, 2), along the edges that two share."""
-        a, b, c = points[:, 0], points[:, 1], points[:, 2]
-        turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+        turn = turns(*points.swapaxes(0, 1))
         corner = np.ascontiguousarray(points.reshape(-1, 2))
         _, name = np.unique(corner, axis=0, return_inverse=True)
         count = len(corner)
@@ -175,6 +176,12 @@ class Triangulation:
         inside = np.empty(len(x), dtype=np.bool_)
         _contains(x, y, self.index, inside)
         return inside
+
+
+def turns(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return the cross product of b - a and c - a, shape (N, 2) each: positive for a left turn."""
+    turn: Floats = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return turn
 
 
 @kernel

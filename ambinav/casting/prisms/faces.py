@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from ambinav.casting.plane.grid import SegmentGrid
-from ambinav.casting.plane.triangulation import sort_triangles
+from ambinav.casting.plane.triangulation import sort_triangles, turns
 from ambinav.runtime.array_types import Bools, Floats, Ints, Ints32
 
 
@@ -40,10 +40,10 @@ class Pieces:
         for i, outline in enumerate(outlines):
             parts = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
             cut = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-            turn = _turn(cut[:, 0], cut[:, 1], cut[:, 2])
+            turn = turns(cut[:, 0], cut[:, 1], cut[:, 2])
             cut = np.where((turn < 0.0)[:, None, None], cut[:, [0, 2, 1]], cut)[turn != 0.0]
             ring = shapely.get_coordinates(shapely.orient_polygons(outline).exterior)[:-1]
-            convex = _turn(ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)) > 0.0
+            convex = turns(ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)) > 0.0
             is_quad = len(ring) == 4 and not outline.interiors and bool(convex.all())
             piece += [len(corners)] * len(cut) if is_quad else range(
                 len(corners), len(corners) + len(cut)
@@ -80,9 +80,3 @@ class Pieces:
         pairs = np.unique(np.stack([cell, self.piece[kept_triangles][item]], axis=1), axis=0)
         edges = np.arange(rows * columns + 1)
         return np.searchsorted(pairs[:, 0], edges).astype(np.int32), pairs[:, 1]
-
-
-def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return the cross product of b - a and c - a, shape (N, 2) each: positive for a left turn."""
-    turn: Floats = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    return turn
