@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from ambinav.runtime.array_types import Bools, Floats32
 from ambinav.runtime.errors import InputError
-from ambinav_envs.wrappers import numeric_parts
+from ambinav_envs.wrappers import check_same_step, numeric_parts
 
 BUFFERS: Final = ("observations", "rewards", "terminals", "truncations")
 
@@ -53,12 +53,7 @@ class BufferedEnv:
     def __init__(
         self, envs: VectorEnv[Any, Any, Any], buffers: Mapping[str, NDArray[Any]] | None = None
     ) -> None:
-        mode = envs.metadata.get("autoreset_mode")
-        if mode is not AutoresetMode.SAME_STEP:
-            raise InputError(
-                f"autoreset_mode is {getattr(mode, 'value', mode)!r}; give environments with "
-                f"{AutoresetMode.SAME_STEP.value!r}."
-            )
+        check_same_step(envs)
         self.envs = envs
         self.num_agents: int = envs.num_envs
         self.single_action_space = envs.single_action_space

@@ -18,6 +18,7 @@ from ambinav.runtime.array_types import Bytes
 from ambinav.runtime.errors import InputError
 from ambinav_envs.registered import is_wrapped, make_wrapped, simulation_of
 from ambinav_envs.seeds import as_seed
+from ambinav_envs.wrappers import check_same_step
 
 Infos = list[dict[str, Any]]
 
@@ -88,12 +89,7 @@ class NavigationVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any], *, all_info: bool = False) -> None:
-        mode = envs.metadata.get("autoreset_mode")
-        if mode is not AutoresetMode.SAME_STEP:
-            raise InputError(
-                f"autoreset_mode is {getattr(mode, 'value', mode)!r}; Stable-Baselines3 needs "
-                f"{AutoresetMode.SAME_STEP.value!r}."
-            )
+        check_same_step(envs)
         self.envs = envs
         self.all_info = all_info
         self._actions: NDArray[Any] | None = None

@@ -195,6 +195,20 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         return {name: part.copy() for name, part in self._stack.items()}
 
 
+def check_same_step(envs: VectorEnv[Any, Any, Any]) -> None:
+    """Check that an episode that ends is followed by the next in the same step.
+
+    Raises:
+        InputError: the autoreset mode is another.
+    """
+    mode = envs.metadata.get("autoreset_mode")
+    if mode is not AutoresetMode.SAME_STEP:
+        raise InputError(
+            f"autoreset_mode is {getattr(mode, 'value', mode)!r}; give environments with "
+            f"{AutoresetMode.SAME_STEP.value!r}."
+        )
+
+
 def numeric_parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
     """Return one robot's observation space, checked to have numeric parts."""
     single = env.single_observation_space

@@ -78,20 +78,20 @@ def test_the_caller_can_give_the_arrays() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "expected"),
     [
         ("rewards", np.zeros(ROBOTS), "buffers: rewards is float64 of the shape (5,); give"),
         ("terminals", np.zeros(1, np.bool_), "buffers: terminals is bool of the shape (1,); give"),
         ("observations", None, "buffers: observations is None; give an array of float32"),
     ],
 )
-def test_arrays_of_another_kind_are_refused(name: str, value: Any, told: str) -> None:
+def test_arrays_of_another_kind_are_refused(name: str, value: Any, expected: str) -> None:
     fitting = BufferedEnv(robots())
     arrays = {key: getattr(fitting, key) for key in ("observations", "rewards")}
     arrays |= {key: getattr(fitting, key) for key in ("terminals", "truncations")}
     with pytest.raises(InputError) as refused:
         BufferedEnv(robots(), {**arrays, name: value})
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_read_only_arrays_and_other_modes_are_refused() -> None:
