@@ -188,8 +188,8 @@ class TreeSearch:
     """Drives to places and to the goal as POMCP plans it over the clusters of the particle filter.
 
     A drive goes on until it is at its end, a share has changed by `CHANGE`, the cluster that it
-    goes by is gone, or the place turns out not to be reached. Nobody looks twice near one place, as
-    odometry tells it whatever the hypothesis: the second scan would say the same.
+    goes by is gone, or the place turns out not to be reached. Nobody looks twice near one place,
+    which odometry recognizes whatever the hypothesis: the second scan would say the same.
 
     Args:
         parameters: Parameters of the environment.

@@ -217,23 +217,12 @@ def main() -> None:
         make = partial(Learnt, model, arm)
         who = Baseline(arm, make, {"window": False}, "learner")
         driven[arm] = driven_by(who, key, judged, None)
-        head = (
-            "minutes",
-            "actions",
-            "episodes",
-            "arrived %",
-            "missed %",
-            "collided %",
-            "timeout %",
-        )
-        parts.append(f"## Training of {arm}, seed {args.seed}\n\n{table(head, curve)}")
+        parts.append(f"## Training of {arm}, seed {args.seed}\n\n{table(CURVE, curve)}")
     scored = {name: scores(who, judged["reward"]) for name, who in driven.items()}
     rows = []
     for name, episodes in driven.items():
-        often, (mean, error) = (
-            share(episodes.ended(ARRIVED)).scaled(100.0),
-            with_error(scored[name]),
-        )
+        often = share(episodes.ended(ARRIVED)).scaled(100.0)
+        mean, error = with_error(scored[name])
         lead, margin = with_error(scored[name] - scored["bold"])
         rows.append([
             name, f"{often.value:.0f} ({often.low:.0f} to {often.high:.0f})",
